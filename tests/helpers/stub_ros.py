@@ -67,10 +67,10 @@ class Messages:
     def kind(self, name: str) -> type:
         """The class of a type, as std_msgs/msg/Header."""
         if name not in self._known:
-            fields = dict(self.store.fielddefs[name][1])
-            self._known[name] = type(
-                name.rpartition("/")[2], (_Message,), {"_name": name, "_fields": fields, "_of": self}
-            )
+            constants, fields = self.store.fielddefs[name]
+            content = {"_name": name, "_fields": dict(fields), "_of": self}
+            content.update({constant: value for constant, _kind, value in constants})
+            self._known[name] = type(name.rpartition("/")[2], (_Message,), content)
         return self._known[name]
 
     def default(self, node: Any) -> Any:
@@ -171,6 +171,7 @@ class Publisher:
 
     def publish(self, message: Any) -> None:
         assert type(message) is self.kind, (self.topic, type(message))
+        assert self.world.up, "the connection is closed"
         if self.active:
             self.sent.append(self.world.messages.through_cdr(message))
 
@@ -215,6 +216,7 @@ class Node:
         self.subscriptions: dict[str, tuple[type, Callable[[Any], None], Any]] = {}
         self.services: dict[str, tuple[Any, Callable[[Any, Any], Any]]] = {}
         self.timers: list[Callable[[], None]] = []
+        self.actions: list[str] = []
         self.world.nodes.append(self)
 
     def get_name(self) -> str:
@@ -230,9 +232,9 @@ class Node:
         return name in self.told
 
     def declare_parameter(self, name: str, value: Any = None, descriptor: Any = None) -> None:
-        assert value is not None or descriptor.dynamic_typing
+        dynamic = descriptor is not None and descriptor.dynamic_typing
         own = self.world.parameters.get(name, value)
-        assert value is None or type(own) is type(value), f"parameter {name}: {own!r}"
+        assert dynamic or (value is not None and type(own) is type(value)), f"parameter {name}: {own!r}"
         self.told[name] = own
 
     def get_parameter(self, name: str) -> Any:
@@ -264,8 +266,12 @@ class Node:
     def destroy_service(self, name: str) -> None:
         del self.services[name]
 
-    def destroy_publisher(self, publisher: Publisher) -> None:
+    def destroy_lifecycle_publisher(self, publisher: Publisher) -> None:
         del self.publishers[publisher.topic]
+
+    def destroy_node(self) -> None:
+        assert self.world.up, "the connection is closed"
+        self.world.nodes.remove(self)
 
     def on_activate(self, state: Any) -> Reply:
         for publisher in self.publishers.values():
@@ -278,6 +284,21 @@ class Node:
         return Reply.SUCCESS
 
     # what a test does
+
+    def change(self, transition: str) -> Reply:
+        """A transition as configure, and what follows an error in it; as rclpy, it keeps the error to itself."""
+        try:
+            reply = getattr(self, f"on_{transition}")(None)
+        except Exception:
+            reply = Reply.ERROR
+        if reply is Reply.ERROR:
+            assert self.on_error(None) is Reply.SUCCESS
+        return reply
+
+    @property
+    def open_things(self) -> list[Any]:
+        """What a node leaves behind that is not cleaned up."""
+        return [*self.publishers, *self.subscriptions, *self.services, *self.timers, *self.actions]
 
     def receive(self, topic: str, message: Any) -> None:
         """A message arrives, through CDR, as the class that was asked for."""
@@ -317,7 +338,11 @@ class World:
         self.parameters: dict[str, Any] = {}
         self.nodes: list[Node] = []
         self.transform: Any = None
+        self.transform_ns = 0
         self.goals: list[Any] = []
+        self.gripper = types.SimpleNamespace(ready=True, accepted=True, stalled=True, position=0.0)
+        self.up = True
+        self.spin: Callable[[], None] = lambda: None
 
     def make(self, name: str, **fields: Any) -> Any:
         """A message of a type, as sensor_msgs/Image."""
@@ -337,9 +362,10 @@ class World:
             self._module(monkeypatch, package)
             self._module(monkeypatch, f"{package}.msg", **kinds)
         reply = types.SimpleNamespace
-        trigger = reply(Request=reply, Response=reply)
+        service = reply(Request=reply, Response=lambda: reply(success=False, message=""))
         self._module(monkeypatch, "std_srvs")
-        self._module(monkeypatch, "std_srvs.srv", Trigger=trigger, SetBool=trigger)
+        self._module(monkeypatch, "std_srvs.srv", Trigger=service, SetBool=service)
+        self._module(monkeypatch, "grasptrack_msgs.srv", Click=service)
         command = reply(Goal=lambda: reply(command=reply(position=0.0, max_effort=0.0)))
         self._module(monkeypatch, "control_msgs")
         self._module(monkeypatch, "control_msgs.action", GripperCommand=command)
@@ -349,36 +375,59 @@ class World:
             def lookup_transform(self, target: str, source: str, time: Any) -> Any:
                 if world.transform is None:
                     raise LookupError(f'"{source}" does not exist')
-                return reply(transform=world.transform)
+                header = reply(stamp=world.clock.stamp(world.transform_ns))
+                return reply(transform=world.transform, header=header)
+
+        class TransformListener:
+            def __init__(self, buffer: Buffer, node: Node) -> None:
+                self.node = node
+                node.subscriptions["/tf"] = (object, lambda message: None, None)
+
+            def unregister(self) -> None:
+                self.node.destroy_subscription("/tf")
 
         class ActionClient:
             def __init__(self, node: Node, kind: Any, name: str) -> None:
-                self.name = name
+                self.node, self.name = node, name
+                node.actions.append(name)
+
+            def server_is_ready(self) -> bool:
+                return bool(world.gripper.ready)
 
             def send_goal_async(self, goal: Any) -> Any:
                 world.goals.append(goal)
-                done = reply(result=lambda: reply(result=reply(stalled=True, reached_goal=False)))
-                handle = reply(accepted=True, get_result_async=lambda: reply(add_done_callback=lambda f: f(done)))
+                done = reply(result=lambda: reply(result=world.gripper))
+                result = reply(add_done_callback=lambda f: f(done))
+                handle = reply(accepted=world.gripper.accepted, get_result_async=lambda: result)
                 return reply(add_done_callback=lambda f: f(reply(result=lambda: handle)))
 
-        self._module(
-            monkeypatch,
-            "tf2_ros",
-            Buffer=Buffer,
-            TransformListener=lambda buffer, node: None,
-            TransformException=LookupError,
-        )
-        qos = reply
+            def destroy(self) -> None:
+                self.node.actions.remove(self.name)
+
+        class Executor:
+            def add_node(self, node: Node) -> None:
+                assert node in world.nodes
+
+            def spin_once(self, timeout_sec: float) -> None:
+                world.spin()
+
+        def shut_down() -> None:
+            world.up = False
+
+        tf = {"Buffer": Buffer, "TransformListener": TransformListener, "TransformException": LookupError}
+        self._module(monkeypatch, "tf2_ros", **tf)
         node = type("LifecycleNode", (Node,), {"world": self})
-        self._module(monkeypatch, "rclpy")
+        life = {"LifecycleNode": node, "LifecycleState": object, "TransitionCallbackReturn": Reply}
+        reliability = enum.Enum("Reliability", "BEST_EFFORT RELIABLE")
+        self._module(monkeypatch, "rclpy", init=reply, ok=lambda: world.up, try_shutdown=shut_down)
         self._module(monkeypatch, "rclpy.action", ActionClient=ActionClient)
-        self._module(
-            monkeypatch, "rclpy.lifecycle", LifecycleNode=node, LifecycleState=object, TransitionCallbackReturn=Reply
-        )
-        self._module(
-            monkeypatch, "rclpy.qos", QoSProfile=qos, ReliabilityPolicy=enum.Enum("Reliability", "BEST_EFFORT RELIABLE")
-        )
-        self._module(monkeypatch, "rclpy.time", Time=object)
+        self._module(monkeypatch, "rclpy.executors", SingleThreadedExecutor=Executor)
+        self._module(monkeypatch, "rclpy.lifecycle", **life)
+        self._module(monkeypatch, "rclpy.qos", QoSProfile=reply, ReliabilityPolicy=reliability)
+        self._module(monkeypatch, "rclpy.signals", SignalHandlerOptions=enum.Enum("Signals", "ALL NO"))
+        stamp = self.clock.stamp
+        time = lambda nanoseconds=0: reply(to_msg=lambda: stamp(nanoseconds))  # noqa: E731
+        self._module(monkeypatch, "rclpy.time", Time=time)
 
     @staticmethod
     def _module(monkeypatch: Any, name: str, **content: Any) -> None:

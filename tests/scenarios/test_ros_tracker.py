@@ -37,8 +37,8 @@ def started(world: World, **parameters: Any) -> Any:
     from grasptrack_ros.tracker_node import TrackerNode
 
     node = TrackerNode()
-    assert node.on_configure(None) is Reply.SUCCESS, node.get_logger().lines
-    assert node.on_activate(None) is Reply.SUCCESS
+    assert node.change("configure") is Reply.SUCCESS, node.get_logger().lines
+    assert node.change("activate") is Reply.SUCCESS
     return node
 
 
@@ -93,15 +93,17 @@ def test_an_answer_comes_back_from_its_message(world: World, images: list[np.nda
     from grasptrack_ros.messages import result_of
 
     tracker = gt.GraspTracker(fingers=2)
-    for i, image in enumerate(images[:4]):
+    for i, image in enumerate([*images[:3], images[2]]):
         node.receive("image", raw(world, i, image))
         expected = tracker.update(image, time=i * STEP * 1e-9)
         back = result_of(node.publishers["~/grasp"].sent[-1])
-        for name in ("status", "reason", "grasp_id", "confidence", "object_sure", "notice"):
+        for name in ("frame", "status", "reason", "grasp_id", "confidence", "object_sure", "notice", "repeated"):
             assert getattr(back, name) == getattr(expected, name)
+        assert back.time == pytest.approx(1e-9 * (world.clock.nanoseconds + i * STEP), abs=1e-6)
         for name in ("contacts", "covariance", "homography", "seen"):
             own = getattr(expected, name)
             np.testing.assert_equal(getattr(back, name), own)
+    assert back.repeated and back.frame == 3, "the camera gave its last image again"
 
 
 def test_lost_is_lost(world: World, images: list[np.ndarray]) -> None:
@@ -126,20 +128,39 @@ def test_compressed_images(world: World, images: list[np.ndarray]) -> None:
     np.testing.assert_array_equal([(c.x, c.y) for c in sent.contacts], expected.contacts)
 
 
-def test_a_click_chooses_the_object(world: World) -> None:
+@pytest.mark.parametrize("how", ["rviz", "rqt", "service"])
+def test_a_click_chooses_the_object(world: World, how: str) -> None:
     from grasptrack.bench.simulation import still_life
 
     image = still_life()
     other = gt.first_look(image)[1].view.outer
     node = started(world)
     node.receive("image", raw(world, 0, image))
-    at = world.make("geometry_msgs/Point", x=float(other.points[:, 0].mean()), y=float(other.points[:, 1].mean()))
-    node.receive("image/mouse_click", world.make("geometry_msgs/PointStamped", header=header(world, 1), point=at))
+    x, y = other.points.mean(axis=0).tolist()
+    at = world.make("geometry_msgs/Point", x=x, y=y)
+    if how == "rviz":
+        node.receive("image/mouse_click", world.make("geometry_msgs/PointStamped", header=header(world, 1), point=at))
+    elif how == "rqt":
+        node.receive("image_mouse_left", at)
+    else:
+        assert node.call("~/click", x=x, y=y).success
     node.receive("image", raw(world, 1, image))
     box = node.publishers["~/detections"].sent[-1].detections[0].bbox
     middle = 0.5 * (other.points.min(axis=0) + other.points.max(axis=0))
     np.testing.assert_allclose((box.center.position.x, box.center.position.y), middle, atol=1.0)
     assert node.publishers["~/grasp"].sent[-1].object_sure
+
+
+@pytest.mark.parametrize(("x", "y"), [(640.0, 3.0), (-1.0, 3.0), (float("nan"), 3.0)])
+def test_a_click_beside_the_image_is_told_and_changes_nothing(
+    world: World, images: list[np.ndarray], x: float, y: float
+) -> None:
+    node = started(world)
+    node.receive("image", raw(world, 0, images[0]))
+    answer = node.call("~/click", x=x, y=y)
+    assert not answer.success and "outside the image, which is 640x480 px" in answer.message
+    node.receive("image", raw(world, 1, images[1]))
+    assert [(m.status, m.frame) for m in node.publishers["~/grasp"].sent] == [(1, 0), (1, 1)]
 
 
 def test_masks_meet_the_image_of_their_stamp(world: World, images: list[np.ndarray]) -> None:
@@ -203,17 +224,18 @@ def test_another_size_or_an_earlier_stamp_begins_anew(world: World, images: list
 def test_states_of_the_node(world: World, images: list[np.ndarray]) -> None:
     world.parameters["overlay"] = False
     node = started(world)
-    node.on_deactivate(None)
+    node.change("deactivate")
     sent = node.publishers["~/grasp"].sent
     node.receive("image", raw(world, 0, images[0]))
     assert not sent
-    node.on_activate(None)
+    node.change("activate")
     node.receive("image", raw(world, 1, images[1]))
     assert len(sent) == 1 and not node.publishers["~/overlay/compressed"].sent
     assert node.call("~/reset").success
-    node.on_deactivate(None)
-    assert node.on_cleanup(None) is Reply.SUCCESS
-    assert not (node.publishers or node.subscriptions or node.services)
+    node.change("deactivate")
+    assert node.change("cleanup") is Reply.SUCCESS and not node.open_things
+    assert node.change("configure") is Reply.SUCCESS and node.change("shutdown") is Reply.SUCCESS
+    assert not node.open_things
 
 
 @pytest.mark.parametrize(
@@ -222,6 +244,7 @@ def test_states_of_the_node(world: World, images: list[np.ndarray]) -> None:
         ({"image_transport": "theora"}, 'image_transport is raw or compressed, not "theora"'),
         ({"fingers": 1}, "at least 2 fingers"),
         ({"strategy": "best"}, "best"),
+        ({"friction": "much"}, "the parameter friction is a number, not 'much'"),
     ],
 )
 def test_parameters_that_cannot_be_are_told(world: World, parameters: dict[str, Any], told: str) -> None:
@@ -229,9 +252,21 @@ def test_parameters_that_cannot_be_are_told(world: World, parameters: dict[str, 
     from grasptrack_ros.tracker_node import TrackerNode
 
     node = TrackerNode()
-    assert node.on_configure(None) is Reply.FAILURE
+    assert node.change("configure") is Reply.FAILURE and not node.open_things
     ((level, text),) = node.get_logger().lines
     assert level == "error" and told in text and "\n" not in text
+
+
+def test_whole_numbers_serve_as_numbers_and_an_error_ends_no_program(
+    world: World, images: list[np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = started(world, friction=1, object=[320, 240])
+    with monkeypatch.context() as m:
+        m.setattr(node._tracker, "take_image", lambda message: 1 / 0)
+        node.receive("image", raw(world, 0, images[0]))
+    assert node.get_logger().lines == [("error", "division by zero")]
+    node.receive("image", raw(world, 1, images[0]))
+    assert node.publishers["~/grasp"].sent[-1].status == 1
 
 
 def test_the_packages_name_what_is_there() -> None:
@@ -243,5 +278,6 @@ def test_the_packages_name_what_is_there() -> None:
         if isinstance(node, ast.Constant) and str(node.value).startswith(("launch/", "config/", "package.xml")):
             assert (package / str(node.value)).is_file()
     cmake = (ROS / "grasptrack_msgs" / "CMakeLists.txt").read_text()
-    assert all(f'"msg/{p.name}"' in cmake for p in (ROS / "grasptrack_msgs" / "msg").iterdir())
+    for kind in ("msg", "srv"):
+        assert all(f'"{kind}/{p.name}"' in cmake for p in (ROS / "grasptrack_msgs" / kind).iterdir())
     assert Path(package / "resource" / "grasptrack_ros").is_file()

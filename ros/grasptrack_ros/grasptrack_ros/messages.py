@@ -10,26 +10,40 @@ import cv2
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from foxglove_msgs.msg import CircleAnnotation, Color, ImageAnnotations, Point2, PointsAnnotation, TextAnnotation
-from geometry_msgs.msg import Point32, PolygonStamped, TwistStamped
+from geometry_msgs.msg import (
+    Point,
+    Point32,
+    PolygonStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    TwistStamped,
+)
 from grasptrack_msgs.msg import Contact, TrackedGrasp
 from sensor_msgs.msg import CompressedImage
 from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
+from visualization_msgs.msg import Marker, MarkerArray
 
 import grasptrack as gt
 from grasptrack.io.recorders.fields import HALF, status_line
 from grasptrack.typing import Floats
 from grasptrack.view.draw import draw_overlay
 from grasptrack.view.style import STATUS_RGB, Colour
+from grasptrack_ros.tracking import stamp_ns
 
 STATUS = {"searching": 0, "tracked": 1, "unstable": 2, "lost": 3}
 QUALITY = 80
 """Of the overlay's JPEG."""
+SHOWN = 1
+"""s for which a marker is shown where no other comes."""
+CONTACT, APPROACH = 0.008, 0.06
+"""m, of the markers of contacts and approach."""
 
 
 def grasp_message(header: Any, result: gt.TrackResult) -> TrackedGrasp:
     """The whole answer for an image with this header."""
     m = TrackedGrasp()
     m.header, m.status = header, STATUS[result.status]
+    m.frame, m.repeated = result.frame, result.repeated
     m.reason, m.reason_code, m.notice, m.strategy = (
         " ".join(result.reason.split()),
         result.reason_code,
@@ -58,14 +72,14 @@ def _contact(result: gt.TrackResult, i: int) -> Contact:
 
 
 def result_of(message: TrackedGrasp) -> gt.TrackResult:
-    """What a servo needs of an answer; the analysis and the outline are not in a message."""
+    """What a servo needs of an answer, its time that of the stamp, s; the analysis and the outline are not in a message."""
     contacts = np.array([(c.x, c.y) for c in message.contacts], dtype=np.float64)
     covariance = np.array([c.covariance for c in message.contacts], dtype=np.float64).reshape(-1, 2, 2)
     status = next(name for name, number in STATUS.items() if number == message.status)
     located = len(contacts) > 0
     return gt.TrackResult(
-        0,
-        None,
+        message.frame,
+        1e-9 * stamp_ns(message.header.stamp),
         status,  # type: ignore[arg-type]
         message.reason,
         message.strategy,
@@ -79,6 +93,7 @@ def result_of(message: TrackedGrasp) -> gt.TrackResult:
         reason_code=message.reason_code,
         notice=message.notice,
         object_sure=message.object_sure,
+        repeated=message.repeated,
     )
 
 
@@ -173,4 +188,51 @@ def twist_message(stamp: Any, frame: str, twist: Floats) -> TwistStamped:
     m.header.stamp, m.header.frame_id = stamp, frame
     linear, angular = m.twist.linear, m.twist.angular
     linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = twist.tolist()
+    return m
+
+
+def pose_message(header: Any, position: Floats, rotation: Floats) -> PoseStamped:
+    """A position (3,) m and a rotation (3, 3) in the header's frame."""
+    m = PoseStamped()
+    m.header = header
+    turn = cv2.Rodrigues(rotation)[0].ravel()
+    angle = float(np.linalg.norm(turn))
+    at, q = m.pose.position, m.pose.orientation
+    at.x, at.y, at.z = position.tolist()
+    q.x, q.y, q.z = (0.5 * np.sinc(angle / math.tau) * turn).tolist()
+    q.w = math.cos(0.5 * angle)
+    return m
+
+
+def sure_pose_message(pose: PoseStamped, covariance: Floats) -> PoseWithCovarianceStamped:
+    """The pose with its covariance (6, 6) m^2, m rad and rad^2."""
+    m = PoseWithCovarianceStamped()
+    m.header, m.pose.pose, m.pose.covariance = pose.header, pose.pose, covariance.ravel().tolist()
+    return m
+
+
+def markers_message(header: Any, grasp: Any) -> MarkerArray:
+    """Of a grasp in m: its contacts, and an arrow by which the hand comes to it."""
+    contacts = _marker(header, 0, Marker.SPHERE_LIST, grasp.contacts, (CONTACT,) * 3)
+    way = np.array([grasp.position - APPROACH * grasp.approach, grasp.position])
+    arrow = _marker(header, 1, Marker.ARROW, way, (0.1 * APPROACH, 0.2 * APPROACH, 0.0))
+    m = MarkerArray()
+    m.markers = [contacts, arrow]
+    return m
+
+
+def _marker(header: Any, number: int, kind: int, points: Floats, scale: tuple[float, float, float]) -> Marker:
+    m = Marker()
+    m.header, m.ns, m.id, m.type, m.action, m.lifetime.sec = header, "grasp", number, kind, Marker.ADD, SHOWN
+    m.scale.x, m.scale.y, m.scale.z = scale
+    m.color.r, m.color.g, m.color.b, m.color.a = *(value / 255.0 for value in STATUS_RGB["tracked"]), 1.0
+    m.pose.orientation.w = 1.0
+    for point in points:
+        m.points.append(_point(point))
+    return m
+
+
+def _point(point: Floats) -> Point:
+    m = Point()
+    m.x, m.y, m.z = point.tolist()
     return m

@@ -1,33 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The servo as a lifecycle node: tracked grasps in, twists for moveit_servo out, a gripper closed."""
+"""The servo as a lifecycle node: tracked grasps in, twists for moveit_servo out, a gripper opened and closed."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from typing import Any
 
-import rclpy
 from control_msgs.action import GripperCommand
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from grasptrack_msgs.msg import TrackedGrasp
 from rclpy.action import ActionClient
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.time import Time
+from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 from tf2_ros import Buffer, TransformException, TransformListener
+from visualization_msgs.msg import MarkerArray
 
-from grasptrack.errors import GraspTrackError
+from grasptrack.errors import InputError
 from grasptrack.typing import Floats
 from grasptrack_ros import messages
-from grasptrack_ros.parameters import declare_parameters, read_parameters
+from grasptrack_ros.managed import ManagedNode, guarded, run
+from grasptrack_ros.parameters import read_parameters
 from grasptrack_ros.steering import ServoParameters, Steering
 from grasptrack_ros.tracking import pose_matrix, stamp_ns
 
-RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
-LEAST_RATE = 20.0
+RATES = 20.0, 1000.0
 """Hz: moveit_servo drops twists that are older than 0.1 s."""
+LATE = 1.0
+"""s: a grasp that is older when it comes was stamped by another clock."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +41,10 @@ class NodeParameters:
         rate: Hz of the twists, 20 or more.
         base_frame, hand_frame: of tf; the hand's z points along the fingers, x from one to the other.
         gripper: action of a gripper (control_msgs/GripperCommand); empty where `~/closed` tells what came of closing.
-        gripper_position, gripper_effort: of its goal.
+        gripper_position, gripper_effort: of its goal when it closes.
+        gripper_open_position: of its goal when it opens, before another try.
+        gripper_reports_opening: its position is the distance of the fingertips in m, which tells what is between them; else
+            fingers that are stopped before their goal (`stalled`) hold something.
     """
 
     rate: float = 50.0
@@ -47,44 +53,45 @@ class NodeParameters:
     gripper: str = ""
     gripper_position: float = 0.0
     gripper_effort: float = 20.0
+    gripper_open_position: float = 0.08
+    gripper_reports_opening: bool = False
 
 
-class ServoNode(LifecycleNode):
+class ServoNode(ManagedNode):
     """Topics, services, parameters and states as ros/README.md lists them."""
 
     def __init__(self) -> None:
-        super().__init__("grasptrack_servo")
-        declare_parameters(self, ServoParameters)
-        declare_parameters(self, NodeParameters)
+        super().__init__("grasptrack_servo", ServoParameters, NodeParameters)
         self._steering: Steering | None = None
+        self._timer: Any = None
+        self._told = ""
 
     # --- states -----------------------------------------------------------------------------------
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def open(self) -> None:
         """Read the parameters and the goal, open topics and services."""
         self._own = own = read_parameters(self, NodeParameters)
-        if own.rate < LEAST_RATE:
-            self.get_logger().error(f"rate is {LEAST_RATE:g} Hz or more, not {own.rate:g}")
-            return FAILURE
-        try:
-            self._steering = Steering(read_parameters(self, ServoParameters))
-        except GraspTrackError as error:
-            self.get_logger().error(str(error))
-            return FAILURE
+        if not RATES[0] <= own.rate <= RATES[1]:
+            raise InputError(f"rate is {RATES[0]:g} Hz or more, {RATES[1]:g} at most, not {own.rate:g}")
+        steering = Steering(read_parameters(self, ServoParameters))
         self._tf = Buffer()
-        self._tf_listener = TransformListener(self._tf, self)
-        self._twists = self.create_lifecycle_publisher(TwistStamped, "~/twist_cmds", RELIABLE)
-        self._diagnostics = self.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
-        self._grasps = self.create_subscription(TrackedGrasp, "~/grasp", self._on_grasp, RELIABLE)
-        self._services = [
-            self.create_service(SetBool, "~/enable", self._on_enable),
-            self.create_service(Trigger, "~/touched", self._on_touched),
-            self.create_service(Trigger, "~/reset", self._on_reset),
-            self.create_service(SetBool, "~/closed", self._on_closed),
-        ]
+        self.opened.callback(TransformListener(self._tf, self).unregister)
+        self._twists = self.publisher(TwistStamped, "~/twist_cmds")
+        self._pose = self.publisher(PoseStamped, "~/grasp_pose")
+        self._sure_pose = self.publisher(PoseWithCovarianceStamped, "~/grasp_pose_with_covariance")
+        self._markers = self.publisher(MarkerArray, "~/markers")
+        self._diagnostics = self.publisher(DiagnosticArray, "/diagnostics")
+        self.listen(TrackedGrasp, "~/grasp", self._on_grasp)
+        self.serve(SetBool, "~/enable", self._on_enable)
+        self.serve(Trigger, "~/touched", self._on_touched)
+        self.serve(Trigger, "~/reset", self._on_reset)
+        self.serve(SetBool, "~/closed", self._on_closed)
         self._gripper = ActionClient(self, GripperCommand, own.gripper) if own.gripper else None
-        self._timer = None
-        return SUCCESS
+        if self._gripper is not None:
+            self.opened.callback(self._gripper.destroy)
+        self._steering = steering
+        self.opened.callback(setattr, self, "_steering", None)
+        self.opened.callback(self._stop_ticking)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to tick; nothing moves before ~/enable."""
@@ -93,32 +100,21 @@ class ServoNode(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stand, and tick no more."""
-        self._stand()
         self._stop_ticking()
         return super().on_deactivate(state)
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Close topics and services."""
-        self.destroy_subscription(self._grasps)
-        for service in self._services:
-            self.destroy_service(service)
-        for publisher in (self._twists, self._diagnostics):
-            self.destroy_publisher(publisher)
-        self._steering = None
-        return SUCCESS
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stand."""
-        if self._steering is not None:
-            self._stand()
-        self._stop_ticking()
-        return SUCCESS
-
-    def _stand(self) -> None:
-        assert self._steering is not None
-        self._steering.enable(False)
-        while (twist := self._steering.tick(self._now(), None)) is not None:
+    def rest(self, why: str = "") -> None:
+        """Stand; where something went wrong, the approach is over."""
+        steering = self._steering
+        if steering is None:
+            return
+        if why:
+            steering.servo.stop(why)
+        steering.stand()
+        while (twist := steering.tick(self._now(), None, 0.0)) is not None:
             self._publish_twist(twist)
+        if why:
+            self._tell_state()
 
     def _stop_ticking(self) -> None:
         if self._timer is not None:
@@ -127,106 +123,154 @@ class ServoNode(LifecycleNode):
 
     # --- messages ---------------------------------------------------------------------------------
 
+    @guarded
     def _on_grasp(self, message: TrackedGrasp) -> None:
+        taken = 1e-9 * stamp_ns(message.header.stamp)
+        late = self._now() - taken
+        if abs(late) > LATE:
+            text = f"a grasp's stamp is {late:.1f} s ago: camera, robot and this node have to be on one clock"
+            self.get_logger().warning(text, throttle_duration_sec=2.0)
         if self._steering is not None:
-            self._steering.take_result(messages.result_of(message), 1e-9 * stamp_ns(message.header.stamp))
+            self._steering.take_result(messages.result_of(message), taken)
 
+    @guarded
     def _on_tick(self) -> None:
         steering = self._steering
         assert steering is not None
+        pose, at = self._hand_pose() if steering.enabled else (None, 0.0)
         before = steering.command
-        try:
-            twist = steering.tick(self._now(), self._hand_pose())
-        except GraspTrackError as error:
-            self.get_logger().error(str(error))
-            self._stand()
-            return
+        twist = steering.tick(self._now(), pose, at)
         if twist is not None:
             self._publish_twist(twist)
+        if steering.why and pose is not None:
+            self.get_logger().warning(f"the hand stands: {steering.why}", throttle_duration_sec=2.0)
         command = steering.command
         if command is None or command is before:
             return
         if command.close:
             self._close_gripper()
-        level = 2 if command.state == "failed" else 0
-        stamp = self.get_clock().now().to_msg()
-        told = {"state": command.state, "error_px": f"{command.error_px:.2f}"}
-        text = f"{command.state}: {command.reason}"
-        self._diagnostics.publish(messages.diagnostics_message(stamp, self.get_name(), level, text, told))
+        if command.open:
+            self._move_gripper("open", self._own.gripper_open_position)
+        if getattr(command, "grasp_pose", None) is not None:
+            self._publish_grasp(command.grasp_pose, at)
+        self._tell_state()
 
+    @guarded
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         assert self._steering is not None
-        response.message = self._steering.enable(request.data)
+        if not request.data:
+            self.rest()
+        elif self._gripper is not None and not self._gripper.server_is_ready():
+            response.message = f"no gripper answers at {self._own.gripper}"
+        else:
+            response.message = self._steering.enable(self._now())
         response.success = not response.message
         return response
 
+    @guarded
     def _on_touched(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         assert self._steering is not None
-        self._steering.touched()
-        self._stand()
-        response.success, response.message = True, f"{self._steering.servo.state}: {self._steering.servo.reason}"
-        return response
+        self._steering.servo.touched()
+        if self._steering.servo.over:  # fingers that close may feel something
+            self.rest()
+        return self._answer(response)
 
+    @guarded
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         assert self._steering is not None
-        self._stand()
+        self.rest()
         self._steering.reset()
         response.success, response.message = True, "a new approach; ~/enable starts it"
         return response
 
+    @guarded
     def _on_closed(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         assert self._steering is not None
-        self._steering.closed(request.data)
-        response.success, response.message = True, f"{self._steering.servo.state}: {self._steering.servo.reason}"
-        return response
+        self._steering.servo.closed(request.data)
+        return self._answer(response)
 
     # --- parts ------------------------------------------------------------------------------------
 
     def _now(self) -> float:
         return 1e-9 * self.get_clock().now().nanoseconds
 
-    def _hand_pose(self) -> Floats | None:
+    def _hand_pose(self) -> tuple[Floats | None, float]:
+        """Where the hand was last, and when, s."""
         try:
             found = self._tf.lookup_transform(self._own.base_frame, self._own.hand_frame, Time())
         except TransformException as error:
-            self.get_logger().warning(f"the hand stands: {error}", throttle_duration_sec=2.0)
-            return None
-        return pose_matrix(found.transform)
+            self.get_logger().warning(f"no pose of the hand: {error}", throttle_duration_sec=2.0)
+            return None, 0.0
+        return pose_matrix(found.transform), 1e-9 * stamp_ns(found.header.stamp)
 
     def _publish_twist(self, twist: Floats) -> None:
         stamp = self.get_clock().now().to_msg()
         self._twists.publish(messages.twist_message(stamp, self._own.hand_frame, twist))
 
+    def _publish_grasp(self, grasp: Any, at: float) -> None:
+        header = Header()
+        header.stamp, header.frame_id = Time(nanoseconds=round(1e9 * at)).to_msg(), self._own.base_frame
+        pose = messages.pose_message(header, grasp.position, grasp.rotation)
+        self._pose.publish(pose)
+        self._sure_pose.publish(messages.sure_pose_message(pose, grasp.covariance))
+        self._markers.publish(messages.markers_message(header, grasp))
+
+    def _answer(self, response: Any) -> Any:
+        """Of a service: what became of the approach."""
+        assert self._steering is not None
+        self._tell_state()
+        response.success, response.message = True, f"{self._steering.servo.state}: {self._steering.servo.reason}"
+        return response
+
+    def _tell_state(self) -> None:
+        assert self._steering is not None
+        servo, command = self._steering.servo, self._steering.command
+        told = {"state": servo.state} | ({} if command is None else {"error_px": f"{command.error_px:.2f}"})
+        text, stamp = f"{servo.state}: {servo.reason}", self.get_clock().now().to_msg()
+        level = 2 if servo.state == "failed" else 0
+        if servo.state != self._told:
+            self._told = servo.state
+            (self.get_logger().error if level else self.get_logger().info)(text)
+        self._diagnostics.publish(messages.diagnostics_message(stamp, self.get_name(), level, text, told))
+
+    # --- gripper ----------------------------------------------------------------------------------
+
     def _close_gripper(self) -> None:
+        assert self._steering is not None
+        servo = self._steering.servo
+
+        def tell(done: Any) -> None:
+            if self._own.gripper_reports_opening:
+                servo.closed(opening=max(float(done.position), 0.0))
+            else:
+                servo.closed(bool(done.stalled))
+
+        self._move_gripper("close", self._own.gripper_position, tell)
+
+    def _move_gripper(self, what: str, position: float, tell: Callable[[Any], None] | None = None) -> None:
+        """Send it a goal, and tell the servo what came of it."""
         if self._gripper is None:
-            self.get_logger().info("close the gripper now, and call ~/closed with what came of it")
+            then = ", and call ~/closed with what came of it" if tell else ""
+            self.get_logger().info(f"{what} the gripper now{then}")
             return
         goal = GripperCommand.Goal()
-        goal.command.position, goal.command.max_effort = self._own.gripper_position, self._own.gripper_effort
-        self._gripper.send_goal_async(goal).add_done_callback(self._on_gripper_goal)
+        goal.command.position, goal.command.max_effort = position, self._own.gripper_effort
 
-    def _on_gripper_goal(self, future: object) -> None:
-        handle = future.result()  # type: ignore[attr-defined]
-        if handle.accepted:
-            handle.get_result_async().add_done_callback(self._on_gripper_done)
-        elif self._steering is not None:
-            self.get_logger().error("the gripper refused to close")
-            self._steering.closed(False)
+        @guarded
+        def on_accepted(node: ServoNode, future: Any) -> None:
+            if not future.result().accepted:
+                raise RuntimeError(f"the gripper refused to {what}")
+            if tell is not None:
+                future.result().get_result_async().add_done_callback(lambda f: on_done(node, f))
 
-    def _on_gripper_done(self, future: object) -> None:
-        done = future.result().result  # type: ignore[attr-defined]
-        if self._steering is not None:
-            self._steering.closed(bool(done.stalled))  # fingers that are stopped before their goal hold something
+        @guarded
+        def on_done(node: ServoNode, future: Any) -> None:
+            assert tell is not None
+            tell(future.result().result)
+
+        self._gripper.send_goal_async(goal).add_done_callback(lambda f: on_accepted(self, f))
 
 
 def main() -> None:
     """Run the node until Ctrl-C."""
-    rclpy.init()
-    node = ServoNode()
-    try:
-        rclpy.spin(node)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
+    run(ServoNode)

@@ -5,26 +5,25 @@ from __future__ import annotations
 
 import dataclasses
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from foxglove_msgs.msg import ImageAnnotations
-from geometry_msgs.msg import PointStamped, PolygonStamped
+from geometry_msgs.msg import Point, PointStamped, PolygonStamped
 from grasptrack_msgs.msg import TrackedGrasp
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from grasptrack_msgs.srv import Click
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import Trigger
 from vision_msgs.msg import Detection2DArray
 
-from grasptrack.errors import GraspTrackError
+from grasptrack.errors import InputError
 from grasptrack_ros import messages
-from grasptrack_ros.parameters import declare_parameters, read_parameters
+from grasptrack_ros.managed import ManagedNode, guarded, run
+from grasptrack_ros.parameters import read_parameters
 from grasptrack_ros.tracking import Answer, ImageTracker, TrackParameters
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of images: the newest one, and none is sent twice."""
-RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,99 +41,82 @@ class NodeParameters:
     annotations: bool = True
 
 
-class TrackerNode(LifecycleNode):
+class TrackerNode(ManagedNode):
     """Topics, parameters and states as ros/README.md lists them."""
 
     def __init__(self) -> None:
-        super().__init__("grasptrack")
-        declare_parameters(self, TrackParameters)
-        declare_parameters(self, NodeParameters)
+        super().__init__("grasptrack", TrackParameters, NodeParameters)
         self._active = False
         self._tracker: ImageTracker | None = None
 
     # --- states -----------------------------------------------------------------------------------
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def open(self) -> None:
         """Read the parameters, open the topics."""
-        own = read_parameters(self, NodeParameters)
+        self._own = own = read_parameters(self, NodeParameters)
         if own.image_transport not in ("raw", "compressed"):
-            self.get_logger().error(f'image_transport is raw or compressed, not "{own.image_transport}"')
-            return FAILURE
-        try:
-            self._tracker = ImageTracker(read_parameters(self, TrackParameters))
-        except GraspTrackError as error:
-            self.get_logger().error(str(error))
-            return FAILURE
-        self._own = own
-        publish = self.create_lifecycle_publisher
-        self._grasp = publish(TrackedGrasp, "~/grasp", RELIABLE)
-        self._contacts = publish(PolygonStamped, "~/contacts", RELIABLE)
-        self._outline = publish(PolygonStamped, "~/outline", RELIABLE)
-        self._detections = publish(Detection2DArray, "~/detections", RELIABLE)
-        self._overlay = publish(CompressedImage, "~/overlay/compressed", LATEST)
-        self._annotations = publish(ImageAnnotations, "~/annotations", RELIABLE)
-        self._diagnostics = publish(DiagnosticArray, "/diagnostics", RELIABLE)
+            raise InputError(f'image_transport is raw or compressed, not "{own.image_transport}"')
+        tracker = ImageTracker(read_parameters(self, TrackParameters))
+        self._grasp = self.publisher(TrackedGrasp, "~/grasp")
+        self._contacts = self.publisher(PolygonStamped, "~/contacts")
+        self._outline = self.publisher(PolygonStamped, "~/outline")
+        self._detections = self.publisher(Detection2DArray, "~/detections")
+        self._overlay = self.publisher(CompressedImage, "~/overlay/compressed", LATEST)
+        self._annotations = self.publisher(ImageAnnotations, "~/annotations")
+        self._diagnostics = self.publisher(DiagnosticArray, "/diagnostics")
         kind, topic = (Image, "image") if own.image_transport == "raw" else (CompressedImage, "image/compressed")
-        listen = self.create_subscription
-        self._listening = [
-            listen(kind, topic, self._on_image, LATEST),
-            listen(CameraInfo, "camera_info", self._on_camera_info, LATEST),
-            listen(PointStamped, "image/mouse_click", self._on_click, RELIABLE),
-            listen(Image, "~/mask", self._on_mask, LATEST),
-        ]
-        self._service = self.create_service(Trigger, "~/reset", self._on_reset)
-        return SUCCESS
+        self.listen(kind, topic, self._on_image, LATEST)
+        self.listen(CameraInfo, "camera_info", self._on_camera_info, LATEST)
+        self.listen(PointStamped, "image/mouse_click", lambda message: self._on_click(message.point))
+        self.listen(Point, "image_mouse_left", self._on_click)
+        self.listen(Image, "~/mask", self._on_mask, LATEST)
+        self.serve(Click, "~/click", self._on_click_service)
+        self.serve(Trigger, "~/reset", self._on_reset)
+        self._tracker = tracker
+        self.opened.callback(setattr, self, "_tracker", None)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to track."""
         self._active = True
         return super().on_activate(state)
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Look at no image any more; the grasp is kept for the next activation."""
-        self._active = False
-        return super().on_deactivate(state)
-
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget the object, close the topics."""
-        self._active, self._tracker = False, None
-        for subscription in self._listening:
-            self.destroy_subscription(subscription)
-        published = (self._grasp, self._contacts, self._outline, self._detections, self._overlay, self._annotations)
-        for publisher in (*published, self._diagnostics):
-            self.destroy_publisher(publisher)
-        self.destroy_service(self._service)
-        return SUCCESS
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop."""
-        self._active = False
-        return SUCCESS
+    def rest(self, why: str = "") -> None:
+        """Look at no image any more, except after an error; the grasp is kept for the next activation."""
+        self._active = self._active and bool(why)
 
     # --- messages ---------------------------------------------------------------------------------
 
+    @guarded
     def _on_image(self, message: Image | CompressedImage) -> None:
         if self._active and self._tracker is not None:
             self._publish(self._tracker.take_image(message), message.header)
 
+    @guarded
     def _on_mask(self, message: Image) -> None:
         if self._active and self._tracker is not None:
             self._publish(self._tracker.take_mask(message), message.header)
 
+    @guarded
     def _on_camera_info(self, message: CameraInfo) -> None:
         if self._tracker is not None:
-            try:
-                self._tracker.take_camera_info(message)
-            except GraspTrackError as error:
-                self.get_logger().error(f"camera_info: {error}")
+            self._tracker.take_camera_info(message)
 
-    def _on_click(self, message: PointStamped) -> None:
+    @guarded
+    def _on_click(self, at: Point | Click.Request) -> None:
         if self._tracker is not None:
-            self._tracker.click(message.point.x, message.point.y)
+            self._tracker.click(at.x, at.y)
 
+    @guarded
+    def _on_click_service(self, request: Click.Request, response: Click.Response) -> Click.Response:
+        assert self._tracker is not None
+        self._tracker.click(request.x, request.y)
+        response.success, response.message = True, "begins anew with the next image, on what lies there"
+        return response
+
+    @guarded
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._tracker is not None:
-            self._tracker.restart()
+        assert self._tracker is not None
+        self._tracker.restart()
         response.success, response.message = True, "begins anew with the next image"
         return response
 
@@ -165,12 +147,4 @@ class TrackerNode(LifecycleNode):
 
 def main() -> None:
     """Run the node until Ctrl-C."""
-    rclpy.init()
-    node = TrackerNode()
-    try:
-        rclpy.spin(node)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
+    run(TrackerNode)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import grasptrack as gt
+from grasptrack.errors import InputError
 from grasptrack.io.bags.messages import MessageImages
 from grasptrack.typing import Floats
 
@@ -84,6 +85,7 @@ class ImageTracker:
         self._images: OrderedDict[int, Any] = OrderedDict()
         self._masks: OrderedDict[int, Any] = OrderedDict()
         self.dropped, self.trouble = 0, ""
+        self._shape: tuple[int, ...] = ()
         self.restart(parameters.object)
 
     def restart(self, object_at: tuple[float, ...] = ()) -> None:
@@ -109,10 +111,15 @@ class ImageTracker:
             camera=self._camera,
         )
         self._first = self._latest = -1
-        self._shape: tuple[int, ...] = ()
 
     def click(self, x: float, y: float) -> None:
-        """A person points at the object: the tracker begins anew with the next image, on what lies there."""
+        """A person points at the object: the tracker begins anew with the next image, on what lies there.
+
+        Raises:
+            InputError: a place outside the images; the tracker goes on with what it has.
+        """
+        if self._shape and not (0.0 <= x < self._shape[1] and 0.0 <= y < self._shape[0]):
+            raise InputError(f"{x:g}, {y:g} is outside the image, which is {self._shape[1]}x{self._shape[0]} px")
         self.restart((x, y))
 
     def take_camera_info(self, message: Any) -> None:

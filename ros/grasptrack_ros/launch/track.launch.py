@@ -27,6 +27,7 @@ def generate_launch_description() -> LaunchDescription:
             ("image", image),
             ("image/compressed", [image, "/compressed"]),
             ("image/mouse_click", [image, "/mouse_click"]),
+            ("image_mouse_left", [image, "_mouse_left"]),
             ("camera_info", info),
         ],
     )
