@@ -55,6 +55,12 @@ class Robot:
         """Move for one control period."""
         self.hand, self.clock = apply_twist(self.hand, twist, PERIOD), self.clock + PERIOD
 
+    def stop(self) -> None:
+        """Stand, whatever it was told before. This one stands by itself after each period; most arms do not."""
+
+    def open(self) -> None:
+        """Open the fingers for another try."""
+
     def close(self) -> bool:
         """Close the fingers; whether they are at the height of the plate."""
         tips = TIPS @ self.hand[:3, :3].T + self.hand[:3, 3]
@@ -62,21 +68,26 @@ class Robot:
         return bool(np.abs(tips[:, 2]).max() < 0.005)
 
 
-def main() -> None:
-    """Run the loop of an approach."""
-    robot = Robot()
+def approach(robot: Robot) -> gt.GraspServo:
+    """Run the loop of an approach; whatever ends it, an error or Ctrl-C included, the hand stands afterwards."""
     tracker = gt.GraspTracker(fingers=2)
-    servo = gt.GraspServo(gt.Goal.fingertips(robot.fingertips(), OPENING), dof=4)
-    while not servo.over:
-        result = tracker.update(robot.image(), time=robot.time())
-        command = servo.update(result, time=robot.time(), pose=robot.pose())
-        errors = f"{command.error_px:6.1f} px"
-        print(f"{robot.time():5.2f} s  {result.status:8s}  {command.state:11s}  {errors}  {command.reason}")
-        robot.move(command.twist)
-        if command.close:
-            servo.closed(robot.close())
+    servo = gt.GraspServo(gt.Goal.fingertips(robot.fingertips(), OPENING), dof=4, retries=1)
+    try:
+        while not servo.over:
+            result = tracker.update(robot.image(), time=robot.time())
+            command = servo.update(result, time=robot.time(), pose=robot.pose())
+            errors = f"{command.error_px:6.1f} px"
+            print(f"{robot.time():5.2f} s  {result.status:8s}  {command.state:11s}  {errors}  {command.reason}")
+            robot.move(command.twist)
+            if command.close:
+                servo.closed(robot.close())
+            if command.open:
+                robot.open()
+    finally:
+        robot.stop()
     print(servo.state, "-", servo.reason)
+    return servo
 
 
 if __name__ == "__main__":
-    main()
+    approach(Robot())

@@ -60,11 +60,17 @@ class Eye(Protocol):
 
 
 class Hand(Protocol):
-    """A gripper: the distance of its open fingertips in m; `close` says whether something is held."""
+    """A gripper.
+
+    `opening` is the distance of its open fingertips in m. `close` and `open` begin and return at once, so that the loop goes on
+    meanwhile. `stopped` is the distance at which the closing fingertips came to rest, m; None before.
+    """
 
     opening: float
 
-    def close(self) -> bool: ...
+    def close(self) -> None: ...
+    def open(self) -> None: ...
+    def stopped(self) -> float | None: ...
 
 
 class Camera:
@@ -88,13 +94,14 @@ class Camera:
 
 
 class Gripper:
-    """Put your gripper's driver here."""
+    """Put your gripper's driver here; `Hand` says what is asked of it."""
 
     opening = 0.085
 
-    def close(self) -> bool:
-        """Close, and say whether something is held: grippers tell by their last position or current."""
+    def close(self) -> None:
         raise NotImplementedError("put your gripper's driver into examples/07_ur.py")
+
+    open = stopped = close
 
 
 def pose_matrix(pose: list[float]) -> Floats:
@@ -108,9 +115,10 @@ def in_base(hand: Floats, twist: Floats) -> list[float]:
 
 
 def grasp(control: Control, receive: Receive, camera: Eye, gripper: Hand, fingertips_px: Floats) -> gt.GraspServo:
-    """Run one approach; whatever ends it, the arm stands afterwards."""
+    """Run one approach; whatever ends it, an error or Ctrl-C included, the arm stands afterwards."""
     tracker = gt.GraspTracker(fingers=2)
-    servo = gt.GraspServo(gt.Goal.fingertips(fingertips_px, gripper.opening), dof=4, limits=LIMITS, time_limit=90.0)
+    goal = gt.Goal.fingertips(fingertips_px, gripper.opening)
+    servo = gt.GraspServo(goal, dof=4, limits=LIMITS, time_limit=90.0, retries=1)
     start, told = receive.getTimestamp(), ""
     control.setWatchdog(5.0)  # looking for a lost object takes the tracker up to a tenth of a second
     try:
@@ -124,15 +132,16 @@ def grasp(control: Control, receive: Receive, camera: Eye, gripper: Hand, finger
             if f"{command.state}: {command.reason}" != told:
                 told = f"{command.state}: {command.reason}"
                 print(f"{time:6.2f} s  {told}")
-            if receive.isProtectiveStopped():
-                print("the arm has stopped itself: look why, release it on the pendant, and begin anew")
-                servo.touched()
-                break
+            if command.open:
+                gripper.open()
             if command.close:
-                control.speedStop()
-                servo.closed(gripper.close())
-                break
-            control.speedL(in_base(hand, command.twist), LIMITS.linear_acceleration, PERIOD)
+                gripper.close()
+            elif servo.state == "closing" and (apart := gripper.stopped()) is not None:
+                servo.closed(opening=apart)
+            if receive.isProtectiveStopped():
+                servo.stop("the arm has stopped itself: look why, release it on the pendant, and begin anew")
+            elif not control.speedL(in_base(hand, command.twist), LIMITS.linear_acceleration, PERIOD):
+                servo.stop("the arm takes no commands: is the program on it still running?")
             control.kickWatchdog()
             control.waitPeriod(begun)
     finally:

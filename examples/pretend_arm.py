@@ -95,18 +95,35 @@ class PretendCamera:
 
 
 class PretendGripper:
-    """Two fingers on the hand of a `PretendArm`."""
+    """Two fingers on the hand of a `PretendArm`, which take a third of a second to close."""
 
     opening = OPENING
 
     def __init__(self, arm: PretendArm) -> None:
-        self._arm = arm
+        self._arm, self._closes = arm, np.inf
 
-    def close(self) -> bool:
-        """Close; whether something is between the fingers: they are at the height of the plate, and beside it."""
+    def close(self) -> None:
+        """Begin to close."""
+        self._closes = self._arm.clock + 0.33
+
+    def open(self) -> None:
+        """Begin to open."""
+        self._closes = np.inf
+
+    def stopped(self) -> float | None:
+        """m between the closed fingertips: the plate's width where it is between them; None while they move."""
+        if self._arm.clock < self._closes:
+            return None
         tips = TIPS @ self._arm.hand[:3, :3].T + self._arm.hand[:3, 3]
         print("fingertips in mm from the plate's middle:", np.round(1e3 * (tips - AT), 1).tolist())
-        return bool(np.abs(tips[:, 2]).max() < 0.005)
+        if np.abs(tips[:, 2]).max() > 0.005:
+            return 0.0
+        plate = np.column_stack([PLATE, np.zeros(len(PLATE))]) + AT
+        x, y, _ = ((plate - self._arm.hand[:3, 3]) @ self._arm.hand[:3, :3]).T
+        x1, y1 = np.roll(x, 1), np.roll(y, 1)
+        cut = y * y1 < 0.0  # the edges on the line from one finger to the other
+        at = (x + (x1 - x) * y / (y - y1))[cut]
+        return float(np.ptp(at)) if cut.any() else 0.0
 
 
 def fingertips() -> np.ndarray:

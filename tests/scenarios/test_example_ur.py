@@ -38,7 +38,7 @@ def approach(example: SimpleNamespace, **options: Any) -> tuple[Any, Any]:
 
 def test_it_holds_the_part_and_never_exceeds_its_limits(example: SimpleNamespace) -> None:
     arm, servo = approach(example)
-    assert servo.state == "done"
+    assert servo.state == "done" and not arm._speed.any()
     assert 0.5 * example.LIMITS.linear < arm.fastest <= example.LIMITS.linear + 1e-9
 
 
@@ -48,6 +48,14 @@ def test_a_protective_stop_ends_the_approach_and_says_what_to_do(
     arm, servo = approach(example, stop_at=3.0)
     assert servo.state == "failed" and not arm._speed.any()
     assert "release it on the pendant" in capsys.readouterr().out
+
+
+def test_an_arm_that_takes_no_commands_ends_the_approach(example: SimpleNamespace) -> None:
+    p = example.pretend
+    arm = p.PretendArm()
+    arm.speedL = lambda *_: False
+    servo = example.grasp(arm, arm, p.PretendCamera(arm), p.PretendGripper(arm), p.fingertips())
+    assert servo.state == "failed" and "takes no commands" in servo.reason
 
 
 numbers = st.floats(-1.0, 1.0)

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loops of the examples leave the arm at rest: Ctrl-C and errors at random moments of every call, and failed approaches."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import runpy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import grasptrack as gt
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+class Fault:
+    """Makes a method raise: the first time that it is called from so many calls on."""
+
+    def __init__(self, error: type[BaseException], where: str, moment: int) -> None:
+        self.error, self.where, self.moment, self.calls = error, where, moment, 0
+
+    def wrap(self, owner: Any, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Watch a method of a class or an object."""
+        own = getattr(owner, name)
+
+        def call(*args: Any, **named: Any) -> Any:
+            self.calls += 1
+            if self.calls >= self.moment and name == self.where:
+                raise self.error
+            return own(*args, **named)
+
+        monkeypatch.setattr(owner, name, call)
+
+
+def servo_loop() -> tuple[Callable[[], gt.GraspServo], list[Any], list[np.ndarray]]:
+    """06_servo: its loop, objects whose methods it calls, and what the arm was told."""
+    example = runpy.run_path(str(EXAMPLES / "06_servo.py"))
+    robot, told = example["Robot"](), []
+    move, stop = robot.move, robot.stop
+    robot.move = lambda twist: (told.append(twist), move(twist))
+    robot.stop = lambda: (told.append(np.zeros(6)), stop())
+    return lambda: example["approach"](robot), [robot], told
+
+
+def pretend() -> Any:
+    """examples/pretend_arm.py."""
+    with pytest.MonkeyPatch.context() as m:
+        m.syspath_prepend(str(EXAMPLES))
+        return importlib.import_module("pretend_arm")
+
+
+def listened(arm: Any) -> list[np.ndarray]:
+    """What an arm will be told."""
+    told: list[np.ndarray] = []
+    speed, stop = arm.speedL, arm.speedStop
+    arm.speedL = lambda v, a, t: (told.append(np.array(v)), speed(v, a, t))[1]
+    arm.speedStop = lambda: (told.append(np.zeros(6)), stop())
+    return told
+
+
+def ur_loop() -> tuple[Callable[[], gt.GraspServo], list[Any], list[np.ndarray]]:
+    """07_ur, the same."""
+    its = pretend()
+    example = runpy.run_path(str(EXAMPLES / "07_ur.py"))
+    arm = its.PretendArm()
+    camera, gripper, told = its.PretendCamera(arm), its.PretendGripper(arm), listened(arm)
+    return lambda: example["grasp"](arm, arm, camera, gripper, its.fingertips()), [arm, camera, gripper], told
+
+
+def notebook_loop() -> tuple[Callable[[], gt.GraspServo], list[Any], list[np.ndarray]]:
+    """The notebook, the same."""
+    pretend()
+    cells = json.loads((EXAMPLES / "notebooks" / "3_servo.ipynb").read_text())["cells"]
+    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    loop = next(i for i, text in enumerate(code) if "while" in text)
+    names: dict[str, Any] = {}
+    exec("\n".join(code[:loop]), names)
+
+    def run() -> gt.GraspServo:
+        exec(code[loop], names)
+        return names["servo"]
+
+    return run, [names["arm"], names["camera"], names["gripper"]], listened(names["arm"])
+
+
+LOOPS = {"06_servo": servo_loop, "07_ur": ur_loop, "notebook": notebook_loop}
+CALLS = {
+    "06_servo": ["image", "time", "pose", "move", "update"],
+    "07_ur": ["newest", "getActualTCPPose", "speedL", "waitPeriod", "kickWatchdog", "update", "between"],
+    "notebook": ["newest", "speedL", "update", "between"],
+}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+@pytest.mark.parametrize(("loop", "where"), [(loop, where) for loop, calls in CALLS.items() for where in calls])
+def test_whatever_is_raised_the_arm_is_told_to_stand(
+    monkeypatch: pytest.MonkeyPatch, loop: str, where: str, error: type[BaseException]
+) -> None:
+    run, parts, told = LOOPS[loop]()
+    moment = int(np.random.default_rng([*where.encode(), len(error.__name__)]).integers(60, 400))
+    fault = Fault(error, where, moment)
+    for owner in [*parts, gt.GraspServo]:
+        for name in CALLS[loop]:
+            if hasattr(owner, name):
+                fault.wrap(owner, name, monkeypatch)
+    with pytest.raises(error):
+        run()
+    assert any(twist.any() for twist in told), "it was on its way"
+    assert not told[-1].any()
+
+
+@pytest.mark.parametrize(
+    ("loop", "states"),
+    [("06_servo", "done"), ("06_servo", "failed"), ("06_servo", "gone"), ("07_ur", "empty"), ("notebook", "gone")],
+)
+def test_however_it_ends_the_arm_is_told_to_stand(monkeypatch: pytest.MonkeyPatch, loop: str, states: str) -> None:
+    """Done; nothing is between the fingers, at no try; the part is taken away."""
+    run, parts, told = LOOPS[loop]()
+    if states == "gone":
+        camera, name = (parts[0], "image") if loop == "06_servo" else (parts[1], "newest")
+        own, seen = getattr(camera, name), []
+
+        def image() -> Any:
+            seen.append(own())
+            return seen[-1] if len(seen) < 60 or seen[-1] is None else np.full_like(seen[-1], 210)
+
+        monkeypatch.setattr(camera, name, image)
+    elif states == "failed":
+        monkeypatch.setattr(parts[0], "close", lambda: False)
+    elif states == "empty":
+        monkeypatch.setattr(parts[2], "stopped", lambda: 0.0)
+    servo = run()
+    assert servo.state == states.replace("gone", "failed"), servo.reason
+    assert any(twist.any() for twist in told) and not told[-1].any()
