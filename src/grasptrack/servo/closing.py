@@ -32,6 +32,7 @@ HIDING = 0.5
     patience=arguments.number,
     loosest=arguments.finite,
     timeout=arguments.number,
+    tips=arguments.finite,
 )
 @dataclass(frozen=True)
 class Closing:
@@ -46,6 +47,8 @@ class Closing:
         patience: s near the goal after which the tolerance grows.
         loosest: px to which it grows, in as long again.
         timeout: s after the command to close by which `closed` has to be called.
+        tips: m along the approach direction by which a fingertip may be off: a hand of 4 DoF refuses a part that is tilted so
+            much that it will be.
 
     Raises:
         InputError: a value outside its range.
@@ -59,13 +62,14 @@ class Closing:
     patience: float = 3.0
     loosest: float = 2.5
     timeout: float = 5.0
+    tips: float = 0.002
 
     def __post_init__(self) -> None:
         if not (
             0.0 < self.tolerance <= self.loosest
             and self.images >= 1
             and self.memory >= 0.0
-            and min(self.patience, self.timeout) > 0.0
+            and min(self.patience, self.timeout, self.tips) > 0.0
         ):
             raise InputError("tolerances are positive, images 1 or more, times not below 0", closing=repr(self))
         if not (0.0 <= self.confidence <= 1.0 and 0.0 <= self.seen <= 1.0):

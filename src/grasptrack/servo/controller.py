@@ -148,8 +148,9 @@ class GraspServo:
         self._images = ImageGate(max_age, bounds.blind, latency)
         # what is known
         self._observer = ResultObserver(square=dof == 6)
+        believed = None if law == "online" else camera
         self._known = SelfCalibration(
-            exploration or Exploration(), dof, None if law == "online" else camera, self._poses, fixed=law == "textbook"
+            exploration or Exploration(), dof, believed, self._poses, self._closing.tips, fixed=law == "textbook"
         )
         self._arm, self._follows = ArmCheck(), ImageCheck()
         # what is done
@@ -296,7 +297,7 @@ class GraspServo:
         if tick.goes_on:
             self._poses.add_pose(tick.now, hand)
             self._arm.add_pose(tick.now, hand)
-        why = "no image"
+        why = self._images.refusal
         if result is not None:
             why = self._images.why_not(result, tick.now, time, taken) if tick.goes_on else "its time is the last one's"
             if not why:

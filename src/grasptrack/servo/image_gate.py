@@ -10,6 +10,7 @@ from statistics import median
 from grasptrack.servo.watchdog import IMAGES
 from grasptrack.tracking.result import TrackResult
 
+NONE = "no image"
 KEPT = 9
 """Intervals between images of which the usual one is the median."""
 
@@ -22,6 +23,9 @@ class ImageGate:
             least `least_age`.
         least_age: s.
         latency: s that an answer is old as a rule, which counts for nothing.
+
+    Attributes:
+        refusal: why the last result was no news; "no image" where none came since the last that was.
     """
 
     def __init__(self, max_age: float | None, least_age: float, latency: float) -> None:
@@ -31,6 +35,7 @@ class ImageGate:
         self._frame: int | None = None
         self._time: float | None = None
         self._taken: float | None = None
+        self.refusal = NONE
 
     @property
     def interval(self) -> float:
@@ -52,6 +57,7 @@ class ImageGate:
             taken: s on the caller's clock, when the image was taken; None where nobody knows.
         """
         why = self._find_fault(result, time, taken)
+        self.refusal = why or NONE
         if why:
             return why
         if now > self._came:

@@ -1,31 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Self-calibration: exploratory moves, the first estimate from what they show, and what is done where it proves wrong.
 
-The moves go one axis at a time, there and back, at rest at both ends. Let complex numbers stand for vectors across the approach
-direction. A hand at p, turned by theta, sees the middle of the contacts at s = m exp(-i theta) (P + V t - p) - tau, in units of
-their distance in the image: m = exp(-i phi) / L holds the mounting angle phi and the length L of the segment in m, tau the
-camera's offset, V the object's velocity. This is linear in m, m P, m V and tau. The focal length follows from how the distance
-in the image changes with height.
+See `first_estimate` for what the moves tell, and `setup_check` for what they show to be wrong.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import arguments
-from grasptrack.errors import GraspTrackError, InputError
-from grasptrack.geometry.homographies import rotation_about_z
-from grasptrack.servo.camera import HandCamera, NominalCamera, inverse_pose
+from grasptrack.errors import InputError
+from grasptrack.servo.camera import NominalCamera, inverse_pose
 from grasptrack.servo.estimate import (
     AGREEING,
     ASTIR,
@@ -33,17 +25,16 @@ from grasptrack.servo.estimate import (
     ClassicalIBVS,
     Estimate,
     Origin,
-    Prior,
     Search,
     normalized_residual,
     on_plane,
-    place_object,
     refine_estimate,
 )
-from grasptrack.servo.features import rms_diameter
+from grasptrack.servo.first_estimate import UnexploredError, initialize_calibration, initialize_from_nominal, signals_of
 from grasptrack.servo.model import SHAPE, Placed
 from grasptrack.servo.observation import Observation, Poses
-from grasptrack.servo.setup_check import delay_sightings, find_fault, find_lateness, signals_of
+from grasptrack.servo.setup_check import delay_sightings, find_fault, find_lateness
+from grasptrack.servo.tilt_check import TiltCheck
 from grasptrack.typing import Floats
 
 ORDER = {4: (0, 2, 5, 1), 6: (0, 2, 5, 1, 3, 4)}
@@ -87,135 +78,6 @@ class Exploration:
         return out
 
 
-Complex = NDArray[np.complex128]
-
-DRAWS, MINIMAL, ROUNDS, INITIAL_STEPS = 100, 6, 5, 30
-"""Random small sets, how many sightings are in each, rounds of reweighting after the best of them; steps of the search."""
-ASIDE, BELT, LENGTH, FOCAL_LENGTHS = 0.15, 0.3, 0.05, 1.1
-"""Before anything is known: m of the camera's offset, m/s of the object, m between contacts, focal length over the image's
-larger side."""
-NOMINAL = Prior(focal=0.15, tilt=0.15, spin=0.2, offset=0.03, scale=0.5)
-"""How far a nominal camera may be off."""
-
-
-class UnexploredError(GraspTrackError):
-    """The moves so far do not tell enough: the message says what is missing. Caught by the servo."""
-
-
-class FirstEstimate(NamedTuple):
-    """A first estimate.
-
-    Attributes:
-        origin: what was known before.
-        estimate: after the observations.
-        search: where the search for it has come to, to go on from.
-    """
-
-    origin: Origin
-    estimate: Estimate
-    search: Search
-
-
-def initialize_calibration(
-    seen: Sequence[Observation], centre: Floats, side: float, slope: float, seed: int = 0
-) -> FirstEstimate:
-    """What was known before, and the estimate after all sightings of exploratory moves.
-
-    Args:
-        seen: sightings in the order of time, some of them wrong.
-        centre: (2,) px, the middle of the image.
-        side: px, the larger side of the image.
-        slope: rad, by how much the object's plane may be tilted against the hand.
-        seed: of the random subsets.
-
-    Raises:
-        UnexploredError: too few sightings, or the hand's moves do not show in the image.
-    """
-    if len(seen) < 6:
-        raise UnexploredError("too few images of the exploratory moves")
-    found = signals_of(seen, inverse_pose(seen[0].hand), centre)
-    m, ok = _estimate_mounting(found.p, found.theta, found.t, found.s, found.noise, seed)
-    if not 1.0 < abs(m) < 1e4:
-        raise UnexploredError(
-            "the hand's moves do not show in the image: is it another camera's, or does the object move along with the hand?"
-        )
-    L, phi = 1.0 / abs(m), -float(np.angle(m))
-    focal = _estimate_focal_length(found.z[ok], found.length[ok], L, FOCAL_LENGTHS * side)
-    camera = HandCamera(focal, centre, rotation_about_z(phi), np.zeros(3))
-    chosen = [x for x, good in zip(seen, ok, strict=True) if good]
-    depth = focal * L / rms_diameter(chosen[0].points[: chosen[0].contacts])
-    origin = origin_of(chosen[0], camera, depth, Prior(slope=slope))
-    return FirstEstimate(origin, *refine_estimate(origin, chosen, steps=INITIAL_STEPS))
-
-
-def origin_of(seen: Observation, camera: HandCamera, depth: float, prior: Prior) -> Origin:
-    """What is known before: a camera, and the object where it is seen `depth` m before it, facing the hand."""
-    object_ = place_object(camera, seen, depth, seen.hand[:3, :3], prior.slope)
-    return Origin(camera, object_, prior.covariance(camera, object_, seen.hand), seen.time)
-
-
-def initialize_from_nominal(seen: Observation, believed: NominalCamera, centre: Floats, slope: float) -> FirstEstimate:
-    """What is known before from a nominal camera, and the estimate from a single sighting."""
-    prior = replace(NOMINAL, slope=slope)
-    origin = origin_of(seen, believed.camera(centre), believed.distance, prior)
-    return FirstEstimate(origin, *refine_estimate(origin, [seen]))
-
-
-def _estimate_mounting(
-    p: Complex, theta: Floats, t: Floats, s: Complex, noise: Floats, seed: int
-) -> tuple[complex, NDArray[np.bool_]]:
-    """m, and which sightings bear it out."""
-    best, left = _fit_moves(p, theta, t, s, noise, seed)
-    off = np.asarray(np.abs(left) / noise, dtype=np.float64)
-    return complex(-best[0]), off < 6.0 * max(1.0, 1.5 * float(_last_axis_median(off)))
-
-
-def _unexplained(p: Complex, theta: Floats, t: Floats, s: Complex, noise: Floats) -> Complex:
-    """(N,), what the best fit leaves of s."""
-    return _fit_moves(p, theta, t, s, noise, 0)[1]
-
-
-def _fit_moves(p: Complex, theta: Floats, t: Floats, s: Complex, noise: Floats, seed: int) -> tuple[Complex, Complex]:
-    """(-m, m P, m V, -tau), the best of random subsets, then reweighted least squares; and what it leaves of s."""
-    back = np.exp(-1j * theta)
-    A = np.column_stack([back * p, back, back * t, np.ones(len(p))])
-    rng = np.random.default_rng(seed)
-    ridge = np.diag([1e-6, 1e-6, LENGTH / BELT, LENGTH / ASIDE])  # what is known before, in standard deviations
-    rows = rng.permuted(np.tile(np.arange(len(p)), (DRAWS, 1)), axis=1)[:, :MINIMAL]
-    drawn = _solve_ridge(A[rows], s[rows], 1.0 / noise[rows], ridge)
-    best = drawn[np.argmin(_last_axis_median(np.abs(drawn @ A.T - s) / noise))]
-    for _ in range(ROUNDS):
-        left = np.asarray(np.abs(A @ best - s) / noise, dtype=np.float64)
-        scale = max(1.0, 1.5 * float(_last_axis_median(left)))
-        weight = 1.0 / (1.0 + (left / (3.0 * scale)) ** 2)
-        best = _solve_ridge(A, s, weight / noise, ridge)
-    return best, np.asarray(A @ best - s)
-
-
-def _last_axis_median(values: Floats) -> Floats:
-    """Of the last axis. NumPy's own loads masked arrays when it is first called, which takes 20 ms."""
-    n, ordered = values.shape[-1], np.sort(values, axis=-1)
-    return np.asarray(0.5 * (ordered[..., (n - 1) // 2] + ordered[..., n // 2]))
-
-
-def _solve_ridge(A: Complex, s: Complex, weight: Floats, ridge: Floats) -> Complex:
-    """Least squares with a ridge, of one system or of many at once."""
-    W = A * weight[..., None]
-    Wh = np.swapaxes(W.conj(), -1, -2)
-    return np.asarray(np.linalg.solve(Wh @ W + ridge**2, Wh @ (s * weight)[..., None])[..., 0])
-
-
-def _estimate_focal_length(z: Floats, length: Floats, L: float, guess: float) -> float:
-    """px, from 1/l = (Z_0 - z) / (f L); where height has hardly changed, the guess."""
-    inverse_length = 1.0 / length
-    d = z - z.mean()
-    if float(np.abs(d).max()) < 3e-3:
-        return guess
-    slope = -float(d @ (inverse_length - inverse_length.mean())) / float(d @ d)
-    found = 1.0 / (slope * L) if slope > 0.0 else np.inf
-    return float(np.clip(found, 0.4 * guess, 3.0 * guess))
-
-
 KEPT = 80
 """Observations that are kept; of the older half then every second."""
 ELSEWHERE, LATER = 0.002, 0.2
@@ -237,6 +99,8 @@ LEAST_IMAGES = 4
 """Images in which each exploratory move shows."""
 SHOWING = 2
 """Moves after which the set-up is looked at: a sighting of the first move may come as late as that."""
+SQUARE = 3.0
+"""Standard deviations of the tilt within which a part is taken to be square to the hand."""
 STRANGE = 75
 """So many sightings of the last hundred that do not fit, and the estimate is begun anew."""
 
@@ -249,6 +113,7 @@ class SelfCalibration:
         dof: 4 or 6.
         camera: what is believed of the camera; with it nothing is explored.
         poses: of the hand.
+        forgiven: m by which the fingertips of a hand of 4 DoF may be off because the part is tilted.
         fixed: whether that is never corrected: the textbook's law.
 
     Attributes:
@@ -258,10 +123,17 @@ class SelfCalibration:
     """
 
     def __init__(
-        self, exploration: Exploration, dof: int, camera: NominalCamera | None, poses: Poses, fixed: bool = False
+        self,
+        exploration: Exploration,
+        dof: int,
+        camera: NominalCamera | None,
+        poses: Poses,
+        forgiven: float,
+        fixed: bool = False,
     ) -> None:
         self._how, self._order, self._nominal, self._poses = exploration, ORDER[dof], camera, poses
         self._fixed = fixed
+        self._square, self._forgiven = dof == 4, forgiven
         self._slope = 0.01 if dof == 4 else 0.3
         self.restarts, self.lateness = 0, 0.0
         self.begin_anew()
@@ -275,6 +147,7 @@ class SelfCalibration:
         self._since = 0
         self._stage, self._began, self._larger, self._doublings = 0, float("nan"), 1.0, 0
         self._fits: deque[bool] = deque(maxlen=100)
+        self._tilt = TiltCheck(self._forgiven)
         self.estimate: Estimate | ClassicalIBVS | None = None
         self.failed = ""
         self._regrasp = self._sure = False
@@ -339,6 +212,8 @@ class SelfCalibration:
             return False
         if self.exploring:
             self._go_on(seen.time, centre, side)
+        elif self._square and isinstance(self.estimate, Estimate) and not np.isfinite(self.estimate.displaced_at):
+            self._check_tilt(centre, side)
         self._refine_estimate()
         return fits
 
@@ -434,13 +309,30 @@ class SelfCalibration:
     def _check_setup(self, centre: Floats) -> None:
         """What the moves so far show of the set-up: what cannot be is a failure, images that are late are taken as such."""
         base = inverse_pose(self._seen[0].hand)
-        late = find_lateness(self._seen, self._poses.pose_at, base, centre, _unexplained)
+        late = find_lateness(self._seen, self._poses.pose_at, base, centre)
         if late:
             self.lateness += late
             self._seen = delay_sightings(self._seen, late, self._poses.pose_at)
             self._last.clear()
             self._origin, self.estimate, self._search = None, None, None
-        self.failed = find_fault(signals_of(self._seen, base, centre), _unexplained)
+        self.failed = find_fault(signals_of(self._seen, base, centre))
+
+    def _check_tilt(self, centre: Floats, side: float) -> None:
+        """A part that is tilted is taken as it lies, or not with 4 DoF."""
+        tilt = self._tilt.look(self._seen, centre, side)
+        if tilt is None or tilt.angle < SQUARE * tilt.sd:
+            return
+        if self._tilt.is_too_large(tilt):
+            self.failed = (
+                f"the part is tilted by {math.degrees(tilt.angle):.0f} degrees, the fingertips would be off by "
+                f"{1000.0 * tilt.tips_error:.1f} mm: it needs a hand with dof=6, or one that forgives as much (Closing.tips)"
+            )
+            return
+        known = self.estimate
+        assert isinstance(known, Estimate)
+        self._origin, self.estimate, self._search = tilt.found
+        self.estimate.advance(known.time)
+        self.estimate.follow(known)
 
     def _seconds(self) -> float:
         """s of an exploratory move: each shows in some images."""

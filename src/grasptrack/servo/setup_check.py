@@ -10,18 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.servo.camera import complex_numbers
-from grasptrack.servo.features import rms_diameter
+from grasptrack.servo.first_estimate import NOISE, Signals, fit_moves, signals_of
 from grasptrack.servo.observation import Observation
 from grasptrack.typing import Floats
 
-NOISE = 0.5
-"""px, the standard deviation at which a sighting counts here: what a part is not flat, and a move not pure, is in it."""
 MOST = 25.0
 """Squared standard deviations that a sighting counts at most: some are wrong."""
 CLEARLY = 25.0
@@ -33,57 +29,14 @@ LATENESS: Floats = np.arange(-0.06, 0.31, 0.01)
 UNNOTICED = 0.012
 """s of lateness that are not corrected: the moves do not show them better."""
 
-Complex = NDArray[np.complex128]
-Fit = Callable[[Complex, Floats, Floats, Complex, Floats], Complex]
-"""Of p, theta, t, s and its noise: what is left of s."""
 
-
-class Signals(NamedTuple):
-    """Sightings as the linear model of the moves takes them.
-
-    Attributes:
-        p, theta: (N,) the hand across the approach direction, m, and its turn, rad.
-        z: (N,) m, along it.
-        t: (N,) s.
-        s: (N,) middle of the contacts over their distance in the image.
-        length: (N,) px, that distance.
-        segment: (N,) px, from the first contact to the second.
-    """
-
-    p: Complex
-    theta: Floats
-    z: Floats
-    t: Floats
-    s: Complex
-    length: Floats
-    segment: Complex
-
-    @property
-    def noise(self) -> Floats:
-        """(N,) of s."""
-        return NOISE / self.length
-
-
-def signals_of(seen: Sequence[Observation], base: Floats, centre: Floats) -> Signals:
-    """Sightings in the frame (4, 4) whose inverse is `base`; `centre` (2,) px is the middle of the image."""
-    poses = np.array([base @ s.hand for s in seen])
-    contacts = [s.points[: s.contacts] for s in seen]
-    length = np.array([rms_diameter(c) for c in contacts])
-    middle = np.array([sum(complex_numbers(c)) / len(c) for c in contacts]) - complex(*centre)
-    segment = np.array([complex(*(c[1] - c[0])) for c in contacts])
-    theta = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
-    t = np.array([s.time - seen[0].time for s in seen])
-    return Signals(poses[:, 0, 3] + 1j * poses[:, 1, 3], theta, poses[:, 2, 3], t, middle / length, length, segment)
-
-
-def find_fault(found: Signals, fit: Fit) -> str:
+def find_fault(found: Signals) -> str:
     """Why these sightings cannot be of a right set-up; empty where they can.
 
     Args:
         found: the sightings.
-        fit: the linear model.
     """
-    right, mirrored = (_cost_of_view(found, fit, way) for way in (False, True))
+    right, mirrored = (_cost_of_view(found, way) for way in (False, True))
     turned = right - mirrored > CLEARLY and right > 4.0 * mirrored
     away = _shrinks(found)
     if away and (turned or float(np.ptp(found.theta)) < TURNED):
@@ -94,7 +47,7 @@ def find_fault(found: Signals, fit: Fit) -> str:
 
 
 def find_lateness(
-    seen: Sequence[Observation], pose_at: Callable[[float], Floats], base: Floats, centre: Floats, fit: Fit
+    seen: Sequence[Observation], pose_at: Callable[[float], Floats], base: Floats, centre: Floats
 ) -> float:
     """s by which the images are older than their sightings say; 0 where the moves do not show it.
 
@@ -102,12 +55,11 @@ def find_lateness(
         seen: the sightings.
         pose_at: the hand's pose (4, 4) at a time, s.
         base, centre: as of `signals_of`.
-        fit: the linear model.
     """
     costs = []
     for late in LATENESS.tolist():
         found = signals_of(delay_sightings(seen, late, pose_at), base, centre)
-        costs.append(_bounded(fit(found.p, found.theta, found.t, found.s, found.noise) / found.noise))
+        costs.append(_bounded(fit_moves(found).left / found.noise))
     best, told = int(np.argmin(costs)), costs[int(np.argmin(np.abs(LATENESS)))]
     late = float(LATENESS[best])
     if told - costs[best] < CLEARLY or abs(late) < UNNOTICED:
@@ -123,10 +75,11 @@ def delay_sightings(seen: Sequence[Observation], late: float, pose_at: Callable[
     return [replace(s, time=s.time - late, hand=pose_at(s.time - late)) for s in seen]
 
 
-def _cost_of_view(found: Signals, fit: Fit, mirrored: bool) -> float:
+def _cost_of_view(found: Signals, mirrored: bool) -> float:
     """What the moves leave of the sightings, in squared standard deviations: of the middle, and of the segment's turn."""
-    s, segment = (found.s.conj(), found.segment.conj()) if mirrored else (found.s, found.segment)
-    middle = fit(found.p, found.theta, found.t, s, found.noise) / found.noise
+    if mirrored:
+        found = found._replace(s=found.s.conj(), segment=found.segment.conj())
+    middle, segment = fit_moves(found).left / found.noise, found.segment
     unturned = segment * np.exp(1j * found.theta)
     angle = np.angle(unturned * np.exp(-1j * np.angle(np.median(unturned.real) + 1j * np.median(unturned.imag))))
     return _bounded(middle) + _bounded(angle / (NOISE * np.sqrt(2.0) / np.abs(segment)))
