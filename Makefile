@@ -37,6 +37,7 @@ fuzz: $(VENV)/.dev
 	$(BIN)/python -W ignore tests/fuzz/live_messages.py --seconds $(SECONDS) --seed $(SEED)
 	$(BIN)/python tests/fuzz/interruptions.py --seconds $(SECONDS) --seed $(SEED)
 	$(BIN)/python -W ignore tests/fuzz/long_run.py --seed $(SEED)
+	$(BIN)/python -W ignore tests/fuzz/servo_calls.py --seed $(SEED)
 	$(BIN)/python -W ignore tests/fuzz/long_live.py --seconds $(SECONDS) --seed $(SEED)
 
 sanitize: $(VENV)/.dev

@@ -43,6 +43,9 @@ class Bench:
         every: control periods from one image to the next.
         frozen: s from which the camera gives no image any more.
         stamped: the servo is told when each image was taken, and not of a latency.
+        period: s of control.
+        lean: (from, to) degrees by which the hand is tilted at the start; default: up to 25 with 6 DoF, else none.
+        table: m by which the table lies below the contacts.
         turn, aside, distance: the start: largest turn in degrees, share of the view, times the distance at the goal.
     """
 
@@ -65,6 +68,9 @@ class Bench:
     distance: float = 2.5
     camera_tilt: float = 10.0
     lag: float = 0.05
+    period: float = PERIOD
+    lean: tuple[float, float] | None = None
+    table: float = 0.01
     commands: list[gt.Command] = field(default_factory=list)
     results: list[gt.TrackResult] = field(default_factory=list)
 
@@ -97,6 +103,7 @@ class Bench:
         self.at = np.array([rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), 0.0])
         right = self.right_hand()
         self.hand = self._start(right, depth, rng)
+        self.start = self.hand.copy()
         inward = self.centre - self.seen().mean(axis=0)  # a belt brings things into view
         heading = math.atan2(inward[1], inward[0]) + rng.uniform(-1.0, 1.0)
         toward = self.camera.turn @ np.array([math.cos(heading), math.sin(heading), 0.0])
@@ -112,10 +119,11 @@ class Bench:
     def _start(self, right: np.ndarray, depth: float, rng: np.random.Generator) -> np.ndarray:
         """Up to the stated turn, tilt, part of the view and distance away from where the hand is right."""
         spin = np.radians(rng.uniform(-self.turn, self.turn))
-        lean = np.radians(rng.uniform(0.0, 25.0)) if self.dof == 6 else 0.0
+        leaning = (0.0, 25.0) if self.lean is None and self.dof == 6 else self.lean
+        lean = np.radians(rng.uniform(*leaning)) if leaning else 0.0
         about = rng.uniform(-np.pi, np.pi)
-        leaning = rotation_matrix(lean * np.array([math.cos(about), math.sin(about), 0.0]))
-        turned = right[:3, :3] @ rotation_matrix((0.0, 0.0, spin)) @ leaning
+        tilt = rotation_matrix(lean * np.array([math.cos(about), math.sin(about), 0.0]))
+        turned = right[:3, :3] @ rotation_matrix((0.0, 0.0, spin)) @ tilt
         distance = depth * rng.uniform(1.3, self.distance)
         while True:  # all contacts in view, with a margin
             where = rng.uniform(-self.aside, self.aside, 2) * (WIDTH, HEIGHT) + self.centre
@@ -154,15 +162,22 @@ class Bench:
     def _remember(self) -> None:
         self._poses.append((self.time, self.hand.copy(), self.at.copy()))
 
-    def result(self) -> gt.TrackResult:
-        """What the tracker would say of the image that has arrived now."""
-        shot = self.time - self.latency
+    def placed(self, shot: float) -> tuple[np.ndarray, np.ndarray]:
+        """The hand (4, 4) and the object's place (3,) m at a time, s."""
         after = next((i for i, p in enumerate(self._poses) if p[0] >= shot), 0)
         (t0, h0, a0), (t1, h1, a1) = self._poses[max(after - 1, 0)], self._poses[after]
         share = (shot - t0) / (t1 - t0) if t1 > t0 else 1.0
-        taken, hand, at = shot, interpolate_pose(h0, h1, share), a0 + share * (a1 - a0)
-        narrow = self._narrow(hand, at)
-        points = self.camera.project((at + self.shape @ narrow - hand[:3, 3]) @ hand[:3, :3])
+        return interpolate_pose(h0, h1, share), a0 + share * (a1 - a0)
+
+    def shown(self, hand: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """(k, 2) px of the contacts, as the hand sees them of an object at a place (3,) m."""
+        return self.camera.project((at + self.shape @ self._narrow(hand, at) - hand[:3, 3]) @ hand[:3, :3])
+
+    def result(self) -> gt.TrackResult:
+        """What the tracker would say of the image that has arrived now."""
+        taken = self.time - self.latency
+        hand, at = self.placed(taken)
+        narrow, points = self._narrow(hand, at), self.shown(hand, at)
         inside = np.isfinite(points).all() and (points >= 0).all() and (points < (WIDTH, HEIGHT)).all()
         dark = self.blackout[0] <= taken < self.blackout[1]
         self._latest += 1
@@ -196,16 +211,24 @@ class Bench:
             out[:2, :2] -= most * share * np.outer(way, way) / (way @ way)
         return out
 
+    def clearance(self) -> float:
+        """m of the lowest fingertip above the table."""
+        return float((self.tips @ self.hand[2, :3] + self.hand[2, 3]).min()) + self.table
+
+    def rise(self) -> float:
+        """m of the hand above where it started."""
+        return float(self.hand[2, 3] - self.start[2, 3])
+
     def move(self, twist: np.ndarray) -> None:
         """One control period; the hand's twist follows the command with a lag."""
         steps = 4
         for _ in range(steps):
-            dt = PERIOD / steps
+            dt = self.period / steps
             self.twist = self.twist + (twist - self.twist) * (1.0 - math.exp(-dt / self.lag) if self.lag else 1.0)
             self.hand = apply_twist(self.hand, self.twist, dt)
             self.at = self.at + self.velocity * dt
-        self.time += PERIOD
-        if self.push[0] <= self.time < self.push[0] + PERIOD:
+        self.time += self.period
+        if self.push[0] <= self.time < self.push[0] + self.period:
             self.at = self.at + self.push[1] * np.array([0.6, 0.8, 0.0])
         if self.time >= self.regrasp and self.grasp == 1:
             self.grasp, self.shape = 2, 0.9 * self.shape @ rotation_matrix((0.0, 0.0, 0.4))
