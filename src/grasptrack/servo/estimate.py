@@ -55,6 +55,8 @@ ASTIR = 1.0
 """s for which a displaced object is taken to be on the move."""
 MOVES, LEAST_SPEED = 3.0, 0.002
 """Standard deviations and m/s from which on a velocity is one."""
+BEHIND = 2.0
+"""So many times as far as aside may a camera be from the hand's origin along the approach direction."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ class Prior:
         deviation[FOCAL], deviation[TURN], deviation[OFFSET] = (
             self.focal,
             (self.tilt, self.tilt, self.spin),
-            self.offset,
+            (self.offset, self.offset, BEHIND * self.offset),
         )
         deviation[PLACE], deviation[POSE], deviation[SPEED] = self.place, (self.slope, self.slope, 0.2), self.speed
         farther = np.zeros(n)

@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from grasptrack.servo.estimate import normalized_residual
+from grasptrack.servo.features import rms_diameter
 from grasptrack.servo.first_estimate import FirstEstimate, UnexploredError, initialize_calibration
 from grasptrack.servo.model import POSE
 from grasptrack.servo.observation import Observation
@@ -20,8 +22,16 @@ from grasptrack.typing import Floats
 
 EVERY = 5
 """Sightings from one look to the next."""
-FREE = 0.3
-"""rad by which the plane may be tilted."""
+SQUARE, FREE = 0.01, 0.3
+"""rad by which the plane may be tilted: as a hand of 4 DoF takes it, and left free."""
+ALIKE = 2.0
+"""px by which points are off alike in all images, as those of a thick part are: more images do not make that less."""
+CORRELATED, ODDS = 5, 1e3
+"""Sightings in a row that count as one, since their errors are much the same; odds at which a tilted plane is believed."""
+LEFT = 0.7
+"""Share of what is not explained that a tilted plane leaves at most: the tracker's small errors are left by either."""
+MOST = 25.0
+"""Squared standard deviations that a sighting counts at most."""
 SURE = 3.0
 """Standard deviations by which the fingertips' error has to lie below or above what is forgiven."""
 
@@ -74,16 +84,31 @@ class TiltCheck:
         if self._known or self._count % EVERY or len(seen[-1].points) == seen[-1].contacts:
             return None
         try:
-            found = initialize_calibration(seen, centre, side, FREE)
+            square, found = (initialize_calibration(seen, centre, side, slope) for slope in (SQUARE, FREE))
         except (UnexploredError, ValueError, np.linalg.LinAlgError):
             return None
         known = found.estimate
         normal, spread = known.normal(seen[-1].hand), known.covariance[POSE, POSE][:2, :2]
         width = math.dist(*known.shape()[:2].tolist())
-        tilt = Tilt(found, math.acos(min(1.0, float(normal[2]))), math.sqrt(float(np.trace(spread))), width)
-        self._known = abs(tilt.tips_error - self._forgiven) > SURE * tilt.tips_sd
+        alike = ALIKE / rms_diameter(seen[-1].points[: seen[-1].contacts])
+        sd = math.sqrt(float(np.trace(spread)) + alike**2)
+        tilt = Tilt(found, math.acos(min(1.0, float(normal[2]))), sd, width)
+        decided = abs(tilt.tips_error - self._forgiven) > SURE * tilt.tips_sd
+        self._known = decided and (tilt.angle < SURE * sd or _is_likelier(found, square, seen))
         return tilt if self._known else None
 
     def is_too_large(self, tilt: Tilt) -> bool:
         """Whether the fingertips would be off by more than is forgiven."""
         return tilt.tips_error > self._forgiven
+
+
+def _is_likelier(one: FirstEstimate, other: FirstEstimate, seen: Sequence[Observation]) -> bool:
+    """Whether the sightings speak clearly for one estimate: it leaves less of them, and not just of their small errors."""
+    left, instead = (_unexplained(each, seen) for each in (one, other))
+    return instead - left > 2.0 * CORRELATED * math.log(ODDS) and left < LEFT * instead
+
+
+def _unexplained(found: FirstEstimate, seen: Sequence[Observation]) -> float:
+    """What is left of all sightings, in squared standard deviations."""
+    sizes = [normalized_residual(found.estimate, one) ** 2 for one in seen]
+    return sum(2 * len(one.points) * min(size, MOST) for one, size in zip(seen, sizes, strict=True))
