@@ -141,6 +141,7 @@ class SelfCalibration:
     def begin_anew(self) -> None:
         """Begin anew: another object, or an estimate that proved wrong."""
         self._seen: list[Observation] = []
+        self._has_moves = True  # whether those of the exploratory moves are among them
         self._origin: Origin | None = None
         self._search: Search | None = None
         self._last: deque[Observation] = deque(maxlen=AGREEING)
@@ -184,6 +185,7 @@ class SelfCalibration:
             return False
         self._sure = self._asked = True
         self._stage, self._began, self._larger = 0, float("nan"), 1.0
+        self._has_moves = True
         return True
 
     def take_observation(self, seen: Observation, centre: Floats, side: float) -> bool:
@@ -212,7 +214,7 @@ class SelfCalibration:
             return False
         if self.exploring:
             self._go_on(seen.time, centre, side)
-        elif self._square and isinstance(self.estimate, Estimate) and not np.isfinite(self.estimate.displaced_at):
+        elif self._square and self._has_moves and not self._is_displaced():
             self._check_tilt(centre, side)
         self._refine_estimate()
         return fits
@@ -231,7 +233,7 @@ class SelfCalibration:
         moved = Placed(points, o.turn, o.place, o.speed, o.axes)
         self._origin = Origin(known.camera, moved, covariance, seen.time)
         self.estimate, self._search = refine_estimate(self._origin, [seen])
-        self._seen = []
+        self._forget_sightings()
         self._last.clear()
         self._fits.clear()
 
@@ -257,6 +259,14 @@ class SelfCalibration:
         if len(self._seen) > KEPT:
             self._seen = self._seen[: KEPT // 2 : 2] + self._seen[KEPT // 2 :]
 
+    def _is_displaced(self) -> bool:
+        """Whether there is no estimate, or none of where the object rests."""
+        return not isinstance(self.estimate, Estimate) or bool(np.isfinite(self.estimate.displaced_at))
+
+    def _forget_sightings(self) -> None:
+        """They are of an object that lay elsewhere. Without the exploratory moves too little is left to tell a tilt."""
+        self._seen, self._has_moves = [], False
+
     def _refine_estimate(self) -> None:
         """From time to time go through all that was kept again, as long as the object has not been displaced."""
         known = self.estimate
@@ -267,7 +277,8 @@ class SelfCalibration:
                 known.time > known.displaced_at + ASTIR
             ):  # it rests, or moves evenly again: what came before is the prior
                 self._origin = Origin(known.camera, known.object, known.covariance.copy(), known.time)
-                self._seen, self._search = [], None
+                self._search = None
+                self._forget_sightings()
                 known.settle()
             return
         settled = self._search is None or self._search.settled
