@@ -42,7 +42,7 @@ def across(shape: Shape, size: float) -> Floats:
 # --- what the seed decides ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scenario", ["static", "belt", "blackout", "pushed"])
+@pytest.mark.parametrize("scenario", ["static", "belt", "blackout", "pushed", "pulled"])
 def test_the_same_seed_is_the_same_world_and_goes_the_same_way(scenario: str) -> None:
     def run() -> tuple[Floats, NDArray[np.uint8]]:
         world = World(SHAPES["hook"](), seed=5, scenario=scenario, images="planar")  # type: ignore[arg-type]
@@ -133,6 +133,29 @@ def test_a_hand_that_closes_beside_the_part_holds_nothing_and_says_so() -> None:
     world = World(shape, seed=7, images="planar", axis=math.pi / 2.0)
     beside = across(shape, world.setting.part.size) + np.array([0.15, 0.0])
     assert not lift_by_truth(world, beside)
+    assert world.opening() == pytest.approx(0.0, abs=5e-4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_part_that_is_pulled_away_leaves_the_fingers_empty_lies_still_and_is_lifted_at_the_next_try(
+    seed: int,
+) -> None:
+    shape = SHAPES["rectangle"]()
+    world = World(shape, seed=seed, scenario="pulled", images="planar", axis=math.pi / 2.0)
+    grasp, camera = across(shape, world.setting.part.size), world.setting.camera
+    start = world.part_pose()[:2, 3]
+    assert not lift_by_truth(world, grasp)
+    assert world.opening() == pytest.approx(0.0, abs=5e-4)
+    away = world.part_pose()[:2, 3]
+    assert 0.028 < float(np.hypot(*(away - start))) < 0.08
+    for _ in range(8):  # back, by some 4 cm
+        world.move([0.0, 0.0, -0.12, 0.0, 0.0, 0.0])
+    seen = apply_homography(world.outline_to_image(), world.setting.part.shape.outer)
+    assert (seen > 0.0).all() and (seen < [camera.width - 1.0, camera.height - 1.0]).all()
+    world.open()
+    assert world.opening() == pytest.approx(0.088, abs=1e-3)
+    assert lift_by_truth(world, grasp), world.failure
+    assert float(np.hypot(*(world.part_pose()[:2, 3] - away))) < 0.01
 
 
 @pytest.mark.parametrize("arm", ["gantry", "arm"])

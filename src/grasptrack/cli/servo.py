@@ -39,7 +39,7 @@ def servo(
         typer.Option(
             metavar="NAME",
             rich_help_panel=help_groups.SCENE,
-            help="Scenario: static, pushed, belt or blackout.",
+            help="Scenario: static, pushed, belt, blackout or pulled.",
         ),
     ] = "static",
     images: Annotated[
@@ -201,6 +201,9 @@ def _show_results(found: Trials, asked: dict[str, Any], output: Path) -> None:
         ["closed unbelieved", str(figures["closed_unbelieved"]), f"of {figures['closed']} times that the hand closed"],
         ["closed wrong", str(figures["closed_wrong"]), "believed, and elsewhere in truth"],
     ]
+    if asked["scenario"] == "pulled":
+        told = f"noticed {figures['empty_noticed']}, lifted at the next try {figures['empty_lifted']}"
+        rows.append(["first closed on nothing", str(figures["empty"]), told])
     middle = figures["median"]
     notes = [
         f"medians: closed after {middle['time_s']} s, {middle['error_px']} px from the goal, {middle['aside_mm']} mm aside; "

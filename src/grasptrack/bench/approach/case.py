@@ -97,6 +97,9 @@ class Row:
         loop_p99_ms: 99th percentile of the latter.
         look_ms: median of the looks at the whole image in which a grasp was chosen; the loop's times are without them.
         fingers: of the case.
+        tries: how often the hand closed. What is told above of closing is of the last time.
+        noticed: the fingers had nothing between them when they closed for the first time, and the servo knew; empty where they
+            held something, or never closed.
     """
 
     seed: int
@@ -124,6 +127,8 @@ class Row:
     loop_p99_ms: float = math.nan
     look_ms: float = math.nan
     fingers: int = 2
+    tries: int = 0
+    noticed: bool | None = None
 
     def values(self) -> dict[str, Any]:
         """By the names of the columns."""

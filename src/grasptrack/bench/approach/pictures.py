@@ -42,10 +42,16 @@ _STATES: dict[str, Colour] = {
     "unsure": (240, 170, 20),
     "holding": (240, 170, 20),
     "searching": (240, 170, 20),
+    "retreating": (240, 170, 20),
+    "empty": (222, 84, 24),
     "failed": (222, 84, 24),
 }
 _STAGES = ("look", "approach", "close", "lift")
-_BLIND = {"close": "feels for the table and closes", "lift": "lifts, and holds for a second"}
+_BLIND = {
+    "close": "feels for the table and closes",
+    "open": "opens for another try",
+    "lift": "lifts, and holds for a second",
+}
 
 
 def side_by_side(world: World, step: Step, last: View | None = None) -> Pixels:

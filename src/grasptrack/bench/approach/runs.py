@@ -221,6 +221,9 @@ class Trials:
             "closed": sum(row.believed is not None for row in self.rows),
             "closed_unbelieved": self.unbelieved,
             "closed_wrong": self.wrong,
+            "empty": sum(row.noticed is not None for row in self.rows),
+            "empty_noticed": sum(bool(row.noticed) for row in self.rows),
+            "empty_lifted": sum(row.noticed is not None and row.outcome == "lifted" for row in self.rows),
             "reasons": dict(self.count_reasons()),
             "median": {name: _finite_median([getattr(row, name) for row in self.rows]) for name in MEASURED},
         }

@@ -117,6 +117,8 @@ ABOVE = 0.008
 """m above the part's upper face at which the tips stop; what is left is felt for."""
 KNOWN = 0.1
 """How well the size of the part is known beforehand, which is what the hand's limits are told by."""
+RETRIES = 1
+"""How often the hand may try again after it has closed on nothing, where the part is pulled away."""
 PATIENCE = 25
 """Images in which to look for the part before giving up."""
 LOOK_PERIODS = 3
@@ -133,9 +135,9 @@ class Step:
     """One step of the loop, for whoever watches.
 
     Attributes:
-        stage: "look", "approach", "close" or "lift".
+        stage: "look", "approach", "close", "open" or "lift".
         time: s.
-        image: of the hand's camera; None while it closes and lifts.
+        image: of the hand's camera; None while it closes, opens and lifts.
         result, command: of tracker and servo; None where there is none.
     """
 
@@ -247,7 +249,8 @@ def _run_approach(run: _Run) -> None:
     looking = Looking(tracker, result.view, ignore, hand, tips, run.case.risk)
     apart = float(np.linalg.norm(np.diff(world.hand.tips(opening)[:2], axis=0)))
     goal = Goal.fingertips(tips, apart, beyond_m=-ABOVE)
-    servo = GraspServo(goal, 6 if world.arm == "arm" else 4, law=run.case.law, camera=_nominal_camera(run.case.law))
+    dof, pulled = 6 if world.arm == "arm" else 4, run.case.scenario == "pulled"
+    servo = GraspServo(goal, dof, law=run.case.law, camera=_nominal_camera(run.case.law), retries=RETRIES * pulled)
     twist = np.zeros(6)
     _process_buffered_frames(run, looking, twist)
     world.move(twist)
@@ -282,11 +285,22 @@ def _run_approach(run: _Run) -> None:
             width = width_in_m(result.contacts, tips, opening) if result.contacts is not None else None
             world.watch = run.later("close")
             held = world.close(width)
-            servo.closed(held)
+            world.watch = None
+            if pulled:  # the opening alone has to tell
+                servo.closed(opening=world.opening())
+            else:
+                servo.closed(held)
+            row.tries += 1
+            if row.tries == 1 and not held:
+                row.noticed = servo.state != "done"
+        elif command.open:
+            world.watch = run.later("open")
+            world.open()
+            world.watch = None
         elif world.touches():
             servo.touched()
     if servo.state != "done":
-        row.reason = f"servo: {servo.reason}" if row.believed is None else servo.reason
+        row.reason = servo.reason if command.close else f"servo: {servo.reason}"
         return
     world.watch = run.later("lift")
     if world.lift():

@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 from grasptrack.bench.physics import frames
 from grasptrack.bench.physics.gripper import MAX_OPENING, Gripper
 from grasptrack.bench.physics.part import Body, extrude_body
+from grasptrack.bench.physics.pull import Pull, sample_pulls
 from grasptrack.bench.simulation.camera import Camera
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography, rotation_about_z
 from grasptrack.typing import Floats
 
-Scenario = Literal["static", "pushed", "belt", "blackout"]
+Scenario = Literal["static", "pushed", "belt", "blackout", "pulled"]
 Arm = Literal["gantry", "arm"]
-SCENARIOS: tuple[Scenario, ...] = ("static", "pushed", "belt", "blackout")
+SCENARIOS: tuple[Scenario, ...] = ("static", "pushed", "belt", "blackout", "pulled")
 ARMS: tuple[Arm, ...] = ("gantry", "arm")
 
 WIDTH, HEIGHT = 640, 480
@@ -56,6 +57,7 @@ class Setting:
         belt: (2,) m/s, velocity of the table.
         push: time in s, velocity (2,) in m/s and turn in rad/s of the part while somebody pushes it for a moment; None.
         blackout: s, when the view is blocked; infinite where it is not.
+        pulls: ways in which somebody may pull the part away when the hand closes for the first time; empty where nobody does.
     """
 
     part: Body
@@ -66,6 +68,7 @@ class Setting:
     belt: Floats
     push: tuple[float, Floats, float] | None
     blackout: float
+    pulls: tuple[Pull, ...] = ()
 
 
 def sample_setting(
@@ -88,7 +91,7 @@ def sample_setting(
         hand: its fingers.
         seed: of everything.
         scenario: "static", "pushed" (somebody moves the part on the way), "belt" (the table moves), "blackout" (the view is
-            blocked for half a second).
+            blocked for half a second), "pulled" (somebody pulls the part away while the hand closes for the first time).
         arm: "gantry" starts upright, "arm" leans by up to 25 degrees.
         axis: rad, x toward y in the plane of the outline: where x of the hand points in a grasp, from which the hand is turned
             by up to 45 degrees at the start, or fingers have changed places as well; None draws one.
@@ -145,7 +148,8 @@ def sample_setting(
         velocity = float(rng.uniform(0.04, 0.12)) * np.array([math.cos(way), math.sin(way)])
         push = (float(rng.uniform(0.8, 2.0)), velocity, float(rng.uniform(-1.0, 1.0)))
     dark = float(rng.uniform(0.8, 2.0)) if scenario == "blackout" else math.inf
-    return Setting(part, place, start, camera, mount, belt, push, dark)
+    pulls = sample_pulls(rng) if scenario == "pulled" else ()
+    return Setting(part, place, start, camera, mount, belt, push, dark, pulls)
 
 
 def _sample_camera_mount(rng: np.random.Generator) -> Floats:

@@ -14,6 +14,7 @@ from grasptrack.bench.physics.film import Film, make_film
 from grasptrack.bench.physics.gripper import BESIDE, MAX_OPENING, make_gripper
 from grasptrack.bench.physics.images import Images, images_of
 from grasptrack.bench.physics.model import import_mujoco
+from grasptrack.bench.physics.pull import PULL_S, Pull, choose_pull
 from grasptrack.bench.physics.serial import joint_rates
 from grasptrack.bench.physics.setting import BLACKOUT_S, Arm, Scenario, hand_mask, sample_setting
 from grasptrack.bench.simulation.outlines import Shape
@@ -25,6 +26,8 @@ PERIOD_S = 0.04
 ACCELERATION = (5.0, 20.0)
 """m/s^2 and rad/s^2 that the drives are given at most."""
 PUSH_S = 0.3
+PUSHED, PULLED = 80.0, 300.0
+"""1/s at which a part that is pushed or pulled comes to its speed: who pulls holds it."""
 CLOSING_SPEED, TOUCH_SPEED = 0.12, 0.06
 """m/s of a finger, and of the hand feeling for the table."""
 YIELD = 0.25
@@ -45,7 +48,7 @@ class World:
     Args:
         outline: the part, of area 1.
         seed: of everything.
-        scenario: "static", "pushed", "belt" or "blackout"; see `setting.draw`.
+        scenario: "static", "pushed", "belt", "blackout" or "pulled"; see `setting.draw`.
         arm: "gantry", which moves in x, y, z and turns, or "arm", six hinges in a row.
         fingers: 2 or 3.
         images: "mujoco" draws the camera's images by MuJoCo, which needs offscreen OpenGL; "planar" by this package, which
@@ -94,6 +97,7 @@ class World:
         self.short_s = 0.0
         self.watch: Callable[[], None] | None = None
         self._steps = 0
+        self._pull: tuple[float, Pull] | None = None  # when it began, s
 
     def _resolve_indices(self) -> None:
         m = self.model
@@ -141,7 +145,11 @@ class World:
         return self.setting.blackout <= self.time() < self.setting.blackout + BLACKOUT_S
 
     def opening(self) -> float:
-        """m between two fingers, twice the distance from the middle for three."""
+        """m between two fingers, twice the distance from the middle for three, as the gripper reports it: never below 0."""
+        return max(0.0, self._gap())
+
+    def _gap(self) -> float:
+        """The same; below 0 where fingers that meet give way a little."""
         return MAX_OPENING - 2.0 * float(self.data.qpos[self._finger[0]])
 
     def fingertips(self) -> tuple[Floats, float]:
@@ -182,15 +190,26 @@ class World:
             width: m between the contacts, where it is known: the fingers come nearer before the hand goes down.
 
         Returns:
-            Whether the fingers have something between them.
+            Whether the fingers have something between them. What the gripper reads then is `opening`.
         """
         along = self._last.copy()
         along[2:] = 0.0
+        if self.setting.pulls and self._pull is None:
+            self._pull = self.time(), self._choose_pull(width)
         if width is not None:
             self._close_to_opening(along, min(MAX_OPENING, width + 2.0 * BESIDE))
         self._descend_to_contact(along)
         self._close_fingers(along)
         return self._is_holding_part()
+
+    def open(self) -> None:
+        """Open the fingers again as far as they go; the hand goes on as it was told last."""
+        self.data.ctrl[self._grip] = min(self.data.ctrl[self._grip], MAX_OPENING / 2.0)
+        while self.data.ctrl[self._grip] > 0.0:
+            self.data.ctrl[self._grip] = max(0.0, self.data.ctrl[self._grip] - CLOSING_SPEED * model.TIMESTEP)
+            self._step_physics(self._last)
+        for _ in range(50):  # the fingers come after their drive
+            self._step_physics(self._last)
 
     def lift(self) -> bool:
         """Raise the hand by 12 cm, wait a second, and tell whether the part came along by 5 cm and stayed."""
@@ -285,13 +304,27 @@ class World:
         """Somebody's finger: it makes the part move at a speed for a moment, and lets go."""
         force = self.data.xfrc_applied[self._part]
         force[:] = 0.0
+        if self._pull is not None:
+            start, pull = self._pull
+            if start <= self.data.time < start + PULL_S:
+                force[:] = self._force_toward(*pull.velocity(self.data.time - start), firm=PULLED)
         if self.setting.push is None:
             return
         start, velocity, turn = self.setting.push
         if start <= self.data.time < start + PUSH_S:
-            mass, qvel = self.setting.part.mass, self.data.qvel[self._part_dof : self._part_dof + 6]
-            force[:2] = 80.0 * mass * (velocity - qvel[:2])
-            force[5] = 80.0 * float(self.setting.part.inertia[2]) * (turn - qvel[5])
+            force[:] = self._force_toward(velocity, turn, firm=PUSHED)
+
+    def _force_toward(self, velocity: Floats, turn: float, firm: float) -> Floats:
+        """(6,) N and N m that bring the part to a velocity (2,) and a turn, m/s and rad/s, at so much of the difference a s."""
+        mass, qvel, force = self.setting.part.mass, self.data.qvel[self._part_dof : self._part_dof + 6], np.zeros(6)
+        force[:2] = firm * mass * (velocity - qvel[:2])
+        force[5] = firm * float(self.setting.part.inertia[2]) * (turn - qvel[5])
+        return force
+
+    def _choose_pull(self, width: float | None) -> Pull:
+        """How somebody pulls the part away from fingers that are about to close on so many m."""
+        s, opening = self.setting, MAX_OPENING if width is None else min(MAX_OPENING, width + 2.0 * BESIDE)
+        return choose_pull(s.pulls, s.part, self.part_pose(), self.hand, self.pose(), opening, s.camera, s.mount)
 
     def _close_to_opening(self, along: Floats, opening: float) -> None:
         target = (MAX_OPENING - opening) / 2.0
@@ -324,12 +357,12 @@ class World:
             self._step_physics(twist)
 
     def _close_fingers(self, along: Floats) -> None:
-        still, last = 0.0, self.opening()
+        still, last = 0.0, self._gap()
         while still < 0.1 and self.data.ctrl[self._grip] < MAX_OPENING / 2.0 + 0.02:
             self.data.ctrl[self._grip] += CLOSING_SPEED * model.TIMESTEP
             self._step_physics(along)
-            stalled = abs(last - self.opening()) < 0.004 * model.TIMESTEP
-            still, last = still + model.TIMESTEP if stalled else 0.0, self.opening()
+            stalled = abs(last - self._gap()) < 0.004 * model.TIMESTEP
+            still, last = still + model.TIMESTEP if stalled else 0.0, self._gap()
         squeeze = float(self.data.qpos[self._finger[0]]) + 0.02
         self.data.ctrl[self._grip] = squeeze
         for _ in range(50):
