@@ -198,7 +198,7 @@ class GraspServo:
             self._set("done", "something is held")
         elif self._retries > 0:
             self._retries -= 1
-            self._opens, self._since = True, math.nan
+            self._opens, self._since, self._began = True, math.nan, math.inf  # the next try has its own time limit
             self._set("retreating", f"goes back and tries again: {why or 'closed on nothing'}")
             self._forget_motion()
         else:
@@ -325,7 +325,8 @@ class GraspServo:
             return Intent("failed", fault)
         if now.time - self._began > self._time_limit:
             return Intent("failed", f"not done after {self._time_limit:g} s: {self.reason}")
-        if self.state == "unsure" if now.result is None else not now.result.object_sure:
+        unsure = self.state == "unsure" if now.result is None else not now.result.object_sure
+        if unsure and self.state != "retreating":  # the way back needs no object, and a closed hand has to open
             return Intent("unsure", UNSURE)
         try:
             return self._decide_motion(now)
@@ -333,6 +334,8 @@ class GraspServo:
             # poses that jump, contacts that cannot be: what is told leads to no finite twist
             self._doubt.reset_count()
             self._known.restart_estimate()
+            if self.state == "retreating":
+                return self._retreating_intent(now)
             return Intent("holding", "what is told of hand and object does not fit together: begins anew")
 
     def _decide_motion(self, now: _Now) -> Intent:
