@@ -157,8 +157,9 @@ RESULT = gt.TrackResult(5, 2.0, "lost", "")
 )
 def test_only_new_pixels_and_a_new_time_are_an_image(changed: dict[str, object], taken: float | None, why: str) -> None:
     gate = ImageGate(None, 0.3, 0.0)
-    assert not gate.why_not(RESULT, 1.0, 1.0, None if taken is None else 1.0)
-    told = gate.why_not(replace(RESULT, **changed), 1.04, 1.04, taken)  # type: ignore[arg-type]
+    assert not gate.why_not(RESULT, 1.0, 1.0, None if taken is None else 1.0, np.eye(4))
+    moved = pose_of(np.eye(3), (0.0, 0.001, 0.0))
+    told = gate.why_not(replace(RESULT, **changed), 1.04, 1.04, taken, moved)  # type: ignore[arg-type]
     assert (why in told) if why else not told
 
 
@@ -166,14 +167,25 @@ def test_only_new_pixels_and_a_new_time_are_an_image(changed: dict[str, object],
     (None, 0.0, 0.29, True), (None, 0.0, 0.31, False), (None, 0.1, 0.39, True), (0.1, 0.0, 0.11, False), (2.0, 0.0, 1.9, True),
 ])  # fmt: skip
 def test_a_result_has_a_greatest_age(max_age: float | None, latency: float, age: float, passes: bool) -> None:
-    told = ImageGate(max_age, 0.3, latency).why_not(RESULT, 5.0, 5.0, 5.0 - age)
+    told = ImageGate(max_age, 0.3, latency).why_not(RESULT, 5.0, 5.0, 5.0 - age, np.eye(4))
     assert passes == (not told) and (passes or "old" in told)
+
+
+def test_the_same_pixels_are_news_only_of_a_hand_that_stands_where_they_came_first() -> None:
+    """Otherwise a camera that hangs would move the hand again each time that it has come to rest."""
+    gate, again = ImageGate(None, 0.3, 0.0), replace(RESULT, repeated=True)
+    assert not gate.why_not(RESULT, 1.0, 1.0, None, np.eye(4))
+    for k, (x, passes) in enumerate(
+        [(0.0, True), (1e-4, True), (1e-3, False), (1e-3, False), (1e-3, False), (0.0, True)]
+    ):
+        result = replace(again, frame=6 + k, time=3.0 + k)
+        assert passes == (not gate.why_not(result, 2.0 + k, 2.0 + k, None, pose_of(np.eye(3), (x, 0.0, 0.0))))
 
 
 def test_at_a_low_rate_images_may_be_older() -> None:
     gate = ImageGate(None, 0.3, 0.0)
     for k in range(4):
-        assert not gate.why_not(replace(RESULT, frame=k, time=float(k)), 0.2 * k, 0.2 * k, 0.2 * k)
+        assert not gate.why_not(replace(RESULT, frame=k, time=float(k)), 0.2 * k, 0.2 * k, 0.2 * k, np.eye(4))
     assert gate.interval == pytest.approx(0.2) and gate.greatest_age() == pytest.approx(0.6)
 
 

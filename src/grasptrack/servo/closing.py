@@ -119,6 +119,8 @@ class CloseGate:
             why = f"{error_px:.1f} px from the goal"
         if not why and not found.moved_px <= tolerance:  # it shows a place where the hand is no more
             why = f"at the goal, {found.moved_px:.1f} px after the image was taken"
+        if not why and result.repeated:
+            return "at the goal, in the same image again"
         self._row = 0 if why else self._row + 1
         if not why and self._row < self._asked.images:
             why = f"at the goal in {self._row} of {self._asked.images} images"

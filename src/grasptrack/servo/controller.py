@@ -299,10 +299,15 @@ class GraspServo:
             self._arm.add_pose(tick.now, hand)
         why = self._images.refusal
         if result is not None:
-            why = self._images.why_not(result, tick.now, time, taken) if tick.goes_on else "its time is the last one's"
+            age = self._latency if taken is None else time - taken
+            at = self._poses.pose_at(tick.now - age - self._known.lateness)
+            why = (
+                self._images.why_not(result, tick.now, time, taken, at)
+                if tick.goes_on
+                else "its time is the last one's"
+            )
             if not why:
-                self._age = self._latency if taken is None else time - taken
-                self._result = result
+                self._age, self._result = age, result
                 self._watchdog.note_image(tick.now, self._images.interval)
                 return _Now(tick.now, tick.step, hand, result, "")
         return _Now(tick.now, tick.step, hand, None, why)

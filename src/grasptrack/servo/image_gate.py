@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What counts as an image: new pixels and a new time, young enough. An answer that was given before is no news."""
+"""What counts as an image: new pixels and a new time, young enough. An answer that was given before is no news.
+
+The same pixels again are news of a hand that stands where it stood when they came first: a camera without noise sees nothing
+else then. Of a hand that has moved they say that the camera hangs.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +11,15 @@ import math
 from collections import deque
 from statistics import median
 
+import numpy as np
+
+from grasptrack.servo.camera import rotation_vector
 from grasptrack.servo.watchdog import IMAGES
 from grasptrack.tracking.result import TrackResult
+from grasptrack.typing import Floats
 
+STANDING = 2e-4
+"""m, and 5 times as many rad, within which a hand stands: it shows in fewer px than a contact is known to."""
 NONE = "no image"
 KEPT = 9
 """Intervals between images of which the usual one is the median."""
@@ -35,6 +45,7 @@ class ImageGate:
         self._frame: int | None = None
         self._time: float | None = None
         self._taken: float | None = None
+        self._pixels_from: Floats | None = None  # the hand, when these pixels came first
         self.refusal = NONE
 
     @property
@@ -47,7 +58,7 @@ class ImageGate:
         usual = max(self._least_age, IMAGES * self.interval) + self._latency
         return usual if self._max_age is None else self._max_age
 
-    def why_not(self, result: TrackResult, now: float, time: float, taken: float | None) -> str:
+    def why_not(self, result: TrackResult, now: float, time: float, taken: float | None, hand: Floats) -> str:
         """Why a result is no news; empty where it is, which is then the last one.
 
         Args:
@@ -55,13 +66,16 @@ class ImageGate:
             now: s, the servo's time.
             time: s, the caller's.
             taken: s on the caller's clock, when the image was taken; None where nobody knows.
+            hand: (4, 4), its pose when the image was taken.
         """
-        why = self._find_fault(result, time, taken)
+        why = self._find_fault(result, time, taken, hand)
         self.refusal = why or NONE
         if why:
             return why
         if now > self._came:
             self._intervals.append(now - self._came)
+        if not result.repeated:
+            self._pixels_from = hand
         self._came, self._frame, self._time, self._taken = now, result.frame, result.time, taken
         return ""
 
@@ -70,8 +84,8 @@ class ImageGate:
         self._taken = self._time = None
         self._came = math.nan
 
-    def _find_fault(self, result: TrackResult, time: float, taken: float | None) -> str:
-        if result.repeated:
+    def _find_fault(self, result: TrackResult, time: float, taken: float | None, hand: Floats) -> str:
+        if result.repeated and not _stands(self._pixels_from, hand):
             return "the camera gives the same image again"
         if taken is not None:
             if self._taken is not None and taken <= self._taken:
@@ -88,3 +102,11 @@ class ImageGate:
         elif 0 < result.frame < self._frame:  # 0 is the first image of another tracker
             return f"an answer for frame {result.frame}, after that for frame {self._frame}"
         return ""
+
+
+def _stands(before: Floats | None, hand: Floats) -> bool:
+    """Whether the hand (4, 4) is where it was."""
+    if before is None:
+        return True
+    turn = rotation_vector(before[:3, :3].T @ hand[:3, :3])
+    return math.dist(before[:3, 3], hand[:3, 3]) < STANDING and float(np.sqrt(turn @ turn)) < 5.0 * STANDING
