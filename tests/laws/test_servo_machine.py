@@ -31,6 +31,8 @@ NEXT = {
 """The states that may follow each."""
 INFERRED = ("below the table", "above the start", "closed beside the grasp", "moved by images", "moved though")
 """What `make fuzz` judges: it takes more than a few calls, and whole arms that fail."""
+OLD = ("repeated", "flagged", "stale", "reordered", "late")
+UNBELIEVED = ("doubtful", "unstable", "unsure", "open_tilt", "lost", "searching")
 MOMENTS = ("start", "exploring", "aligning", "converged", "closing")
 
 
@@ -60,7 +62,11 @@ def _approach(retries: int, dof: int) -> dict[str, bytes]:
 class ServoMachine(RuleBasedStateMachine):
     """A servo in the middle of something."""
 
-    @initialize(moment=st.sampled_from(MOMENTS), retries=st.sampled_from([0, 1, 2]), dof=st.sampled_from([4, 4, 6]))
+    @initialize(
+        moment=st.sampled_from((*MOMENTS, "converged", "converged")),
+        retries=st.sampled_from([0, 1, 2]),
+        dof=st.sampled_from([4, 4, 6]),
+    )
     def begin(self, moment: str, retries: int, dof: int) -> None:
         self.trial: Trial = pickle.loads(_approach(retries, dof)[moment])
         self.rng = np.random.default_rng(0)
@@ -101,8 +107,19 @@ class ServoMachine(RuleBasedStateMachine):
             if command is not None and (command.close or self.trial.servo.over):
                 break
 
-    @rule(what=st.sampled_from(sorted(FALSE)), times=st.integers(1, 12))
-    def answers_are_false(self, what: str, times: int) -> None:
+    @rule(what=st.sampled_from(OLD), times=st.integers(1, 8))
+    def old_news(self, what: str, times: int) -> None:
+        for _ in range(times):
+            self.call(what)
+
+    @rule(what=st.sampled_from(UNBELIEVED), times=st.integers(1, 8))
+    def not_believed(self, what: str, times: int) -> None:
+        for _ in range(times):
+            command = self.call(what)
+            assert command is not None and not command.close
+
+    @rule(what=st.sampled_from([name for name in FALSE if name not in (*OLD, *UNBELIEVED)]), times=st.integers(1, 12))
+    def nonsense(self, what: str, times: int) -> None:
         for _ in range(times):
             self.call(what)
         if what == "other_count":
