@@ -22,6 +22,8 @@ DRIVER = 0.2
 """s after which the arm's driver stops it, where no new twist comes: no servo can, while nobody calls it."""
 RIGHT = 3.0
 """px by which contacts that are right may be off, and five times their noise."""
+SAME = 1.5
+"""px within which a camera sees what it saw: the same pixels again are as good as new ones."""
 DRIFT = 0.01
 """m/s of an arm that drifts."""
 
@@ -71,6 +73,11 @@ def how_far(result: gt.TrackResult | None, truth: np.ndarray) -> float:
     return float(np.nan_to_num(np.hypot(*(result.contacts - truth).T).max(), nan=0.0))
 
 
+def is_same_view(before: np.ndarray | None, now: np.ndarray) -> bool:
+    """Whether contacts (k, 2) px lie where they lay."""
+    return before is not None and before.shape == now.shape and bool(np.hypot(*(before - now).T).max() <= SAME)
+
+
 class Answers:
     """The answers of a tracker that is right, or not, as faults ask for."""
 
@@ -79,6 +86,7 @@ class Answers:
         self._given: gt.TrackResult | None = None  # the last that was handed in
         self._fault, self._base = "", None  # what began last, and the result of that time
         self._made: deque[tuple[gt.TrackResult, np.ndarray]] = deque(maxlen=40)
+        self._pixels: np.ndarray | None = None  # where its pixels show the contacts
         self._last = -math.inf  # true time of the newest image that was handed in
 
     def look(self, bench: Bench, faults: Faults, rng: np.random.Generator) -> Handed:
@@ -97,7 +105,11 @@ class Answers:
             return Handed(None)
         at = next((i for i, (m, _) in enumerate(self._made) if m.frame == self._frame_of(result, fresh)), 0)
         shot = float(self._made[at][0].time or 0.0)
-        new, truth = fault != "flagged" and shot > self._last, self._made[at][1]
+        new, truth = shot > self._last, self._made[at][1]
+        if fault == "flagged":
+            new = new and is_same_view(self._pixels, truth)
+        else:
+            self._pixels = truth
         self._given = result
         misled = how_far(result, truth) if fault == "frozen" else 0.0
         return Handed(result, new, is_right(result, truth, RIGHT + 5.0 * bench.noise), misled, shot)
