@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 
 from grasptrack.bench.physics import frames
-from grasptrack.bench.physics.gripper import PAD_THICKNESS, PAD_WIDTH, Gripper
+from grasptrack.bench.physics.gripper import MAX_OPENING, PAD_THICKNESS, PAD_WIDTH, SHAFT_THICKNESS, Gripper
 from grasptrack.bench.physics.part import Body
 from grasptrack.bench.simulation.camera import Camera
 from grasptrack.geometry.homographies import apply_homography, rotation_about_z
 from grasptrack.typing import Floats, Pixels
 
 PULL_S = 0.2
-"""s that it takes: the tips are not down by then, so that the part comes away from between them in any direction."""
+"""s that it takes: as a rule the tips are not down by then, and the part comes away from between them in any direction."""
 DISTANCE, TURN = (0.03, 0.06), 0.4
 """m by which the part is pulled, and rad by which it is turned at most."""
 WAYS, FARTHER = 200, 0.01
@@ -28,6 +28,8 @@ BACK = 0.04
 """m by which the hand goes back before it looks again."""
 BORDER = 8.0
 """px between the part and the border of the view there, at least."""
+ON_THE_WAY = (0.15, 0.3, 0.45, 0.6, 0.8)
+"""Shares of the way at which the part must not run into fingers that are down already."""
 FINE, HALF = 5e-4, 0.16
 """m to a pixel of the picture in which fingers and part must not meet, and half of its side."""
 
@@ -43,10 +45,10 @@ class Pull(NamedTuple):
     way: Floats
     turn: float
 
-    def moved(self, place: Floats) -> Floats:
-        """(4, 4) of a part afterwards that is at a place (4, 4)."""
-        there = place[:3, 3] + np.array([*self.way, 0.0])
-        return frames.pose_of(rotation_about_z(self.turn) @ place[:3, :3], there)
+    def moved(self, place: Floats, share: float = 1.0) -> Floats:
+        """(4, 4) of a part that is at a place (4, 4) after a share of the way."""
+        there = place[:3, 3] + share * np.array([*self.way, 0.0])
+        return frames.pose_of(rotation_about_z(share * self.turn) @ place[:3, :3], there)
 
     def velocity(self, elapsed: float) -> tuple[Floats, float]:
         """(2,) m/s and rad/s after so many s: from rest to rest, without a jerk."""
@@ -76,7 +78,8 @@ def choose_pull(
 ) -> Pull:
     """The first way after which the fingers close on nothing, and the hand sees the part whole once it has gone back.
 
-    Where the view is too small for both, it is the first that leaves the fingers empty.
+    Where the tips are too low for the part to pass below, it is also one on which fingers do not hold it up. Where nothing
+    does all of it, it is the first that leaves the fingers empty.
 
     Args:
         pulls: to choose from.
@@ -85,7 +88,9 @@ def choose_pull(
         opening: m, from which the fingers close.
         camera, mount: the hand's camera, and its place in the hand.
     """
-    swept = _swept_by_fingers(hand, opening)
+    swept = _drawn_fingers(hand, 0.0, opening / 2.0 + PAD_THICKNESS)
+    in_the_way = _drawn_fingers(hand, opening / 2.0, MAX_OPENING / 2.0 + SHAFT_THICKNESS)
+    low = at[2, 3] < part.thickness + ROOM
     seen_from = at.copy()
     seen_from[:3, 3] -= BACK * at[:3, 2]
     empty = []
@@ -93,19 +98,22 @@ def choose_pull(
         there = pull.moved(place)
         if (_drawn(part, there, at) & swept).any():
             continue
+        empty.append(pull)
+        if low and any((_drawn(part, pull.moved(place, share), at) & in_the_way).any() for share in ON_THE_WAY):
+            continue
         if _is_seen_whole(part, there, seen_from @ mount, camera):
             return pull
-        empty.append(pull)
     return (empty or [pulls[-1]])[0]
 
 
-def _swept_by_fingers(hand: Gripper, opening: float) -> Pixels:
-    """Picture in the plane of the tips, 255 where pads are on their way to the middle."""
+def _drawn_fingers(hand: Gripper, near: float, far: float) -> Pixels:
+    """Picture in the plane of the tips, 255 where fingers come from so far to so near to the middle, m, and round that."""
     drawn = _blank()
-    wide, out = PAD_WIDTH / 2.0 + ROOM, opening / 2.0 + PAD_THICKNESS + ROOM
+    wide, near, far = PAD_WIDTH / 2.0 + ROOM, max(0.0, near), far + ROOM
     for finger in range(hand.fingers):
         R = hand.finger_frame(finger, 0.0)[:2, :2]
-        cv2.fillConvexPoly(drawn, _pixels(np.array([[0, -wide], [out, -wide], [out, wide], [0, wide]]) @ R.T), 255)
+        box = np.array([[near, -wide], [far, -wide], [far, wide], [near, wide]])
+        cv2.fillConvexPoly(drawn, _pixels(box @ R.T), 255)
     return drawn
 
 
