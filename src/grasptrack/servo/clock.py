@@ -24,7 +24,7 @@ class Tick(NamedTuple):
 
     Attributes:
         now: s, the servo's own time, 0 at the first call.
-        step: s that count for the limits of acceleration.
+        step: s that count for the limits of acceleration: the usual step at most, since a longer one may be the clock's.
         goes_on: the caller's time is later than at the last call, or the clock has jumped.
         jump: s by which the caller's clock jumped; 0 where it did not.
     """
@@ -79,4 +79,4 @@ class ServoClock:
         self._stalled = 0
         self._steps.append(step)
         self._now += step
-        return Tick(self._now, min(step, LONGEST_STEP), True)
+        return Tick(self._now, min(step, self.pace, LONGEST_STEP), True)

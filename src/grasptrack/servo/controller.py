@@ -19,7 +19,7 @@ from grasptrack.servo.command import OVER, Command, Intent, State
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.goal import Goal
 from grasptrack.servo.image_check import ImageCheck
-from grasptrack.servo.image_gate import ImageGate
+from grasptrack.servo.image_gate import SAME, ImageGate
 from grasptrack.servo.law import AXES, Aim, Approach, Gain, compute_aim
 from grasptrack.servo.limits import Limits
 from grasptrack.servo.loss import LossHandler, LossPolicy
@@ -310,7 +310,7 @@ class GraspServo:
                 self._age, self._result = age, result
                 self._watchdog.note_image(tick.now, self._images.interval)
                 return _Now(tick.now, tick.step, hand, result, "")
-        return _Now(tick.now, tick.step, hand, None, why)
+        return _Now(tick.now, tick.step, hand, None, why or SAME)
 
     def _decide(self, now: _Now, tick: Tick) -> Intent:
         """What the states say, the most urgent first."""

@@ -20,7 +20,7 @@ from grasptrack.typing import Floats
 
 STANDING = 2e-4
 """m, and 5 times as many rad, within which a hand stands: it shows in fewer px than a contact is known to."""
-NONE = "no image"
+NONE, SAME = "no image", "the camera gives the same image again"
 KEPT = 9
 """Intervals between images of which the usual one is the median."""
 
@@ -46,6 +46,7 @@ class ImageGate:
         self._time: float | None = None
         self._taken: float | None = None
         self._pixels_from: Floats | None = None  # the hand, when these pixels came first
+        self._lags: deque[float] = deque(maxlen=KEPT)  # s of the last images' times behind the caller's
         self.refusal = NONE
 
     @property
@@ -76,6 +77,8 @@ class ImageGate:
             self._intervals.append(now - self._came)
         if not result.repeated:
             self._pixels_from = hand
+        if result.time is not None:
+            self._lags.append(time - result.time)
         self._came, self._frame, self._time, self._taken = now, result.frame, result.time, taken
         return ""
 
@@ -83,15 +86,19 @@ class ImageGate:
         """The caller's clock has jumped: earlier times mean nothing any more."""
         self._taken = self._time = None
         self._came = math.nan
+        self._lags.clear()
 
     def _find_fault(self, result: TrackResult, time: float, taken: float | None, hand: Floats) -> str:
         if result.repeated and not _stands(self._pixels_from, hand):
-            return "the camera gives the same image again"
+            return SAME
         if taken is not None:
             if self._taken is not None and taken <= self._taken:
                 return f"an image of {self._taken - taken:.2f} s before the last one"
             if time - taken > self.greatest_age():
                 return f"the image is {time - taken:.2f} s old"
+        late = 0.0 if result.time is None or not self._lags else time - result.time - min(self._lags)
+        if late > self.greatest_age() - self._latency:
+            return f"the image is {late:.2f} s older than those before"
         if self._frame is None:
             return ""
         if result.frame == self._frame:

@@ -94,6 +94,9 @@ ASIDE, TURNED = 0.006, 0.06
 """m and rad from which on the hand stays at the stand-off; within half of them it goes all the way."""
 UNSURE = 0.1
 """Relative standard deviation of the contacts' distance from which on it stays at the stand-off."""
+NEARER, CAUTIOUS = 3.0, 0.6
+"""Standard deviations by which an object may be nearer than it seems, and the share of the way down that is kept for that: what
+is left of the way shows how far away it is."""
 SLOPE = 0.01
 """rad, how well the plane's normal is taken to be known."""
 
@@ -172,7 +175,11 @@ def compute_aim(
         return None
     # what is seen tells how far aside the hand is: a prediction that it does not bear out would keep it at the stand-off
     here = points if seen is None else _at_depth(camera, contacts, points)
-    raised = standoff * _standoff_share(here, right, normal if dof == 6 else None, known.relative_error())
+    relative, height = known.relative_error(), float((points - right)[:, 2].sum()) / k
+    raised = standoff * _standoff_share(here, right, normal if dof == 6 else None, relative)
+    nearer = NEARER * relative * float((points - camera.offset)[:, 2].sum()) / k  # m by which the object may be nearer
+    if nearer > standoff:
+        raised = max(raised, min(nearer, CAUTIOUS * height))
     wanted = right.copy()
     wanted[:, 2] += raised
     final, goal_px = camera.project(np.concatenate([right, wanted])).reshape(2, k, 2)
@@ -195,7 +202,6 @@ def compute_aim(
     twist = twist_for(error, jacobian, covariance, dof=dof, length=length, gain=how.gain)
     aligned = raised <= 0.5 * standoff
     doing = "goes down" if aligned else "aligns at the stand-off"
-    height = float((points - right)[:, 2].sum()) / k
     moved_px = math.nan if seen is None else max(map(math.dist, pixels[0].tolist(), pixels[1].tolist()))
     return Aim(twist, in_the_end, last.farthest_error(contacts), height, final, doing, aligned, moved_px)
 
