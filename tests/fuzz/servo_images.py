@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 import grasptrack as gt
+from grasptrack.grasp.hand import Length
 from grasptrack.servo.camera import pose_of, rotation_matrix
 from servo_bench import HEIGHT, WIDTH, Bench
 from servo_judge import Judge
@@ -22,6 +23,8 @@ SCALE, REACH = 1000.0, 1.0
 """px per m of the table's texture, and how far it reaches from the part, m."""
 FINER = 4
 """Times as fine as the image is the picture in which the part is drawn."""
+WIDEST = 0.92
+"""Share of its opening that a hand can take."""
 LATE = 12
 """Images by which a camera is late."""
 
@@ -186,10 +189,12 @@ class Camera:
 
     Args:
         object_at: (2,) px of the part in the first image, as a person would click.
+        widest: what the hand can take, in shares of the part's sqrt(area).
     """
 
-    def __init__(self, object_at: np.ndarray) -> None:
-        self._tracker = gt.GraspTracker(fingers=2, object_at=object_at)
+    def __init__(self, object_at: np.ndarray, widest: float) -> None:
+        hand = gt.Hand(max_opening=Length(widest, "size"))
+        self._tracker = gt.GraspTracker(fingers=2, object_at=object_at, hand=hand)
         self._calls = 0
         self._taken: deque[Shot] = deque(maxlen=LATE + 8)
         self._shown: Shot | None = None  # the last image that the tracker saw
@@ -272,7 +277,7 @@ class Camera:
 
 
 def _area(corners: np.ndarray) -> float:
-    """px^2 of a polygon (n, 2)."""
+    """Of a polygon (n, 2), px^2 or m^2."""
     x, y = corners.T
     return abs(0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
@@ -308,4 +313,5 @@ def draw_trial(seed: int, number: int) -> tuple[Trial, str, np.random.Generator]
     servo = gt.GraspServo(bench.goal(), bench.dof, latency=0.0 if bench.stamped else bench.latency, limits=limits)
     clicked = bench.shown(bench.hand, bench.at).mean(axis=0)
     judge = Judge(servo.limits, bench.every * bench.period, bench.period)
-    return Trial(bench, servo, Camera(clicked), judge), fault, rng
+    camera = Camera(clicked, WIDEST * bench.opening / math.sqrt(_area(bench.part.outline)))
+    return Trial(bench, servo, camera, judge), fault, rng

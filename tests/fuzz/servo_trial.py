@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 import pickle
 from collections import deque
@@ -62,7 +63,8 @@ def is_right(result: gt.TrackResult, truth: np.ndarray, slack: float = RIGHT) ->
     """Whether a result is believed, and its contacts lie where those of the object (k, 2) px are seen in truth."""
     if result.status != "tracked" or result.contacts is None or result.contacts.shape != truth.shape:
         return False
-    near = bool(np.abs(np.hypot(*(result.contacts - truth).T)).max() <= slack)
+    orders = itertools.permutations(range(len(truth)))  # fingers can take each other's places
+    near = any(bool(np.hypot(*(result.contacts - truth[list(order)]).T).max() <= slack) for order in orders)
     return near and result.confidence >= 0.5 and result.object_sure and not result.notice
 
 
@@ -106,7 +108,7 @@ class Answers:
         at = next((i for i, (m, _) in enumerate(self._made) if m.frame == self._frame_of(result, fresh)), 0)
         shot = float(self._made[at][0].time or 0.0)
         new, truth = shot > self._last, self._made[at][1]
-        if fault == "flagged":
+        if fault == "flagged" and self._pixels is not None:
             new = new and is_same_view(self._pixels, truth)
         else:
             self._pixels = truth

@@ -231,4 +231,4 @@ class ServoMachine(RuleBasedStateMachine):
 
 
 TestServoMachine = ServoMachine.TestCase
-TestServoMachine.settings = settings(max_examples=35, stateful_step_count=20, deadline=None)
+TestServoMachine.settings = settings(max_examples=25, stateful_step_count=20, deadline=None)
