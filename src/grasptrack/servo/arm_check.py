@@ -8,12 +8,14 @@ the path of another hypothesis fits, and this one does not.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 
 from grasptrack.servo.camera import rotation_vector
+from grasptrack.servo.limits import Limits
 from grasptrack.typing import Floats
 
 LAGS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3)
@@ -30,6 +32,8 @@ LEVER = 0.1
 """m by which turns compare with shifts."""
 STANDS = 0.05
 """Share of the path that was told which an arm that stands makes at most."""
+FASTER, JOLT = 3.0, 0.01
+"""Times as fast as it may a hand goes at most, and m besides (over `LEVER` in rad) for the clock and the encoders."""
 FITS, FITS_NOT = 0.9, 0.5
 """Share of the poses' path that a hypothesis explains (squared correlation): from which on it holds, below which it fails."""
 THOUSAND = 100.0
@@ -51,9 +55,14 @@ class _Moment(NamedTuple):
 
 
 class ArmCheck:
-    """Remembers the last second of what was told and what came of it."""
+    """Remembers the last second of what was told and what came of it.
 
-    def __init__(self) -> None:
+    Args:
+        limits: of velocity: a hand that goes much faster than it may was somewhere else all the time.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits, self._jumped = limits, ""
         self._kept: deque[_Moment] = deque()
         self._hand: Floats | None = None
         self._twist: Floats = np.zeros(6)
@@ -63,7 +72,7 @@ class ArmCheck:
     def forget(self) -> None:
         """The clock has jumped: what happened meanwhile is not known."""
         self._kept.clear()
-        self._hand = None
+        self._hand, self._jumped = None, ""
 
     def add_pose(self, now: float, hand: Floats) -> None:
         """The hand (4, 4) in the base at a time, s."""
@@ -71,6 +80,7 @@ class ArmCheck:
             seconds = now - self._kept[-1].time
             if seconds <= 0.0:
                 return
+            self._note_jump(hand, self._hand, seconds)
             self._turned = self._turned + LEVER * rotation_vector(self._hand[:3, :3].T @ hand[:3, :3])
             v, w = seconds * self._twist[:3], seconds * self._twist[3:]
             self._told = self._told + np.concatenate([self._hand[:3, :3] @ v, LEVER * w, v])
@@ -79,17 +89,28 @@ class ArmCheck:
         while len(self._kept) > FEWEST and self._kept[1].time <= now - WINDOWS[-1] - LAGS[-1]:
             self._kept.popleft()
 
+    def _note_jump(self, hand: Floats, before: Floats, seconds: float) -> None:
+        """The pose changes by more than any motion of this hand can be."""
+        turn = rotation_vector(before[:3, :3].T @ hand[:3, :3])
+        way, angle = math.dist(hand[:3, 3], before[:3, 3]), math.hypot(*turn.tolist())
+        far, wide = FASTER * self._limits.linear * seconds, FASTER * self._limits.angular * seconds
+        if way > far + JOLT or angle > wide + JOLT / LEVER:
+            self._jumped = (
+                f"the pose that is handed in jumps, by {100.0 * way:.1f} cm and {math.degrees(angle):.0f} degrees in "
+                f"{seconds:.2g} s: is it always the hand's, in m and in the same frame?"
+            )
+
     def tell(self, twist: Floats) -> None:
         """The twist (6,) in the hand's frame that it is told from now on."""
         self._twist = twist
 
     def why_not(self) -> str:
         """What is wrong; empty where nothing is, or too little was told to know."""
-        for window in WINDOWS:
+        for window in WINDOWS if not self._jumped else ():
             why = self._judge(window)
             if why:
                 return why
-        return ""
+        return self._jumped
 
     def _judge(self, window: float) -> str:
         times = np.array([m.time for m in self._kept])

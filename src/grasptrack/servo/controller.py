@@ -152,7 +152,7 @@ class GraspServo:
         self._known = SelfCalibration(
             exploration or Exploration(), dof, believed, self._poses, self._closing.tips, fixed=law == "textbook"
         )
-        self._arm, self._follows = ArmCheck(), ImageCheck()
+        self._arm, self._follows = ArmCheck(self.limits), ImageCheck()
         # what is done
         self._unseen = LossHandler(self.loss, self.limits)
         self._doubt = CloseGate(self._closing)

@@ -330,7 +330,9 @@ class SelfCalibration:
 
     def _check_tilt(self, centre: Floats, side: float) -> None:
         """A part that is tilted is taken as it lies, or not with 4 DoF."""
-        tilt = self._tilt.look(self._seen, centre, side)
+        known = self.estimate
+        assert isinstance(known, Estimate)
+        tilt = self._tilt.look(self._seen, known, centre, side)
         if tilt is None or tilt.angle < SQUARE * tilt.sd:
             return
         if self._tilt.is_too_large(tilt):
@@ -339,8 +341,6 @@ class SelfCalibration:
                 f"{1000.0 * tilt.tips_error:.1f} mm: it needs a hand with dof=6, or one that forgives as much (Closing.tips)"
             )
             return
-        known = self.estimate
-        assert isinstance(known, Estimate)
         self._origin, self.estimate, self._search = tilt.found
         self.estimate.advance(known.time)
         self.estimate.follow(known)

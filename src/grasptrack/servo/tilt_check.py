@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.servo.estimate import normalized_residual
+from grasptrack.servo.estimate import Estimate, normalized_residual
 from grasptrack.servo.features import rms_diameter
 from grasptrack.servo.first_estimate import FirstEstimate, UnexploredError, initialize_calibration
 from grasptrack.servo.model import POSE
@@ -22,8 +22,8 @@ from grasptrack.typing import Floats
 
 EVERY = 5
 """Sightings from one look to the next."""
-SQUARE, FREE = 0.01, 0.3
-"""rad by which the plane may be tilted: as a hand of 4 DoF takes it, and left free."""
+FREE = 0.3
+"""rad by which the plane may be tilted."""
 ALIKE = 2.0
 """px by which points are off alike in all images, as those of a thick part are: more images do not make that less."""
 CORRELATED, ODDS = 5, 1e3
@@ -72,11 +72,12 @@ class TiltCheck:
         self._forgiven = forgiven
         self._count, self._known = 0, False
 
-    def look(self, seen: Sequence[Observation], centre: Floats, side: float) -> Tilt | None:
+    def look(self, seen: Sequence[Observation], square: Estimate, centre: Floats, side: float) -> Tilt | None:
         """The tilt, once it is known to be less than what is forgiven, or more; None before, and afterwards.
 
         Args:
             seen: sightings of an object that rests or moves evenly, those of the exploratory moves among them.
+            square: the estimate so far, which takes the plane to be square to the hand.
             centre: (2,) px, the middle of the image.
             side: px, its larger side.
         """
@@ -84,7 +85,7 @@ class TiltCheck:
         if self._known or self._count % EVERY or len(seen[-1].points) == seen[-1].contacts:
             return None
         try:
-            square, found = (initialize_calibration(seen, centre, side, slope) for slope in (SQUARE, FREE))
+            found = initialize_calibration(seen, centre, side, FREE)
         except (UnexploredError, ValueError, np.linalg.LinAlgError):
             return None
         known = found.estimate
@@ -94,7 +95,7 @@ class TiltCheck:
         sd = math.sqrt(float(np.trace(spread)) + alike**2)
         tilt = Tilt(found, math.acos(min(1.0, float(normal[2]))), sd, width)
         decided = abs(tilt.tips_error - self._forgiven) > SURE * tilt.tips_sd
-        self._known = decided and (tilt.angle < SURE * sd or _is_likelier(found, square, seen))
+        self._known = decided and (tilt.angle < SURE * sd or _is_likelier(known, square, seen))
         return tilt if self._known else None
 
     def is_too_large(self, tilt: Tilt) -> bool:
@@ -102,13 +103,13 @@ class TiltCheck:
         return tilt.tips_error > self._forgiven
 
 
-def _is_likelier(one: FirstEstimate, other: FirstEstimate, seen: Sequence[Observation]) -> bool:
+def _is_likelier(one: Estimate, other: Estimate, seen: Sequence[Observation]) -> bool:
     """Whether the sightings speak clearly for one estimate: it leaves less of them, and not just of their small errors."""
     left, instead = (_unexplained(each, seen) for each in (one, other))
     return instead - left > 2.0 * CORRELATED * math.log(ODDS) and left < LEFT * instead
 
 
-def _unexplained(found: FirstEstimate, seen: Sequence[Observation]) -> float:
+def _unexplained(known: Estimate, seen: Sequence[Observation]) -> float:
     """What is left of all sightings, in squared standard deviations."""
-    sizes = [normalized_residual(found.estimate, one) ** 2 for one in seen]
+    sizes = [normalized_residual(known, one) ** 2 for one in seen]
     return sum(2 * len(one.points) * min(size, MOST) for one, size in zip(seen, sizes, strict=True))
