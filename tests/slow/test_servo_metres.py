@@ -49,7 +49,6 @@ class Watched:
     def step(
         self,
         command: gt.Command,
-        time: float,
         hand: np.ndarray,
         contacts: np.ndarray,
         camera: HandEye,
@@ -69,19 +68,18 @@ class Watched:
             now.add(MOMENTS[2])
         for moment in now - self._seen:
             self._seen.add(moment)
-            self._compare(moment, told, time, hand, contacts, camera, tips)
+            self._compare(moment, told, hand, contacts, camera, tips)
 
     def _compare(
         self,
         moment: str,
         told: Estimate,
-        time: float,
         hand: np.ndarray,
         contacts: np.ndarray,
         camera: HandEye,
         tips: np.ndarray,
     ) -> None:
-        k, dof, goal = len(contacts), self._servo.dof, self._servo.goal
+        k, dof, goal, time = len(contacts), self._servo.dof, self._servo.goal, self._servo._clock.now
         pose = grasp_pose(told, k, hand, time, dof)
         off = contacts - pose.contacts
         self._note(moment, "contacts", off.mean(axis=0), pose.covariance[:3, :3])
@@ -147,7 +145,7 @@ def on_the_bench(what: dict[str, Any], seeds: range) -> Found:
         camera = HandEye(bench.camera.focal, bench.camera.centre, (640, 480), mounting, np.eye(7))
         while not servo.over and bench.time < 30.0:
             command = servo.update(bench.result(), time=bench.time, pose=bench.hand)
-            watched.step(command, bench.time, bench.hand, bench.contacts(), camera, bench.tips)
+            watched.step(command, bench.hand, bench.contacts(), camera, bench.tips)
             if command.close:
                 break
             bench.move(command.twist)
@@ -183,7 +181,6 @@ def on_images(what: str, seed: int, count: int) -> Found:
         camera = HandEye(float(matrix[0, 0]), matrix[:2, 2], (640, 480), world.setting.mount, np.eye(7))
         watched[0].step(
             step.command,
-            step.time,
             world.pose(),
             places @ part[:3, :3].T + part[:3, 3],
             camera,
