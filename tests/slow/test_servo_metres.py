@@ -2,7 +2,7 @@
 """Where the grasp is told to be in metres: the truth lies within the 95 % ellipsoid in 95 % of approaches.
 
 On the kinematic bench errors of images are independent and known. In rendered approaches they are the tracker's own, which
-last: there the numbers of `servo.trust` were fitted, with seed 777, and are held here with other ones.
+last: there the numbers of `servo.trust` were chosen, with seeds 777 and 888, and are held here with others.
 `PYTHONPATH=tests/helpers python tests/slow/test_servo_metres.py 777 60` prints a table: shares within 95 %, and in brackets the
 median error in mm or 1/1000 rad (of the camera: of all together), then how often the alarm for a displaced camera rings. With
 `images` or `alarm` behind, it does that alone.
