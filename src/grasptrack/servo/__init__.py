@@ -6,6 +6,8 @@ from grasptrack.servo.closing import Closing
 from grasptrack.servo.command import Command
 from grasptrack.servo.controller import LAWS, GraspServo
 from grasptrack.servo.goal import Goal
+from grasptrack.servo.grasp_pose import GraspPose
+from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.law import Gain
 from grasptrack.servo.limits import Limits
 from grasptrack.servo.loss import LossPolicy
@@ -20,7 +22,9 @@ __all__ = [
     "Exploration",
     "Gain",
     "Goal",
+    "GraspPose",
     "GraspServo",
+    "HandEye",
     "Limits",
     "LossPolicy",
     "NominalCamera",

@@ -20,6 +20,7 @@ from grasptrack.typing import Floats
 
 LAGS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3)
 """s by which an arm may be late."""
+LAGS_S: Floats = np.array(LAGS)
 PROMPT = 0.15
 """s by which an arm may be late that is not to be taken for one that stands."""
 WINDOWS = (0.3, 0.8)
@@ -106,44 +107,46 @@ class ArmCheck:
 
     def why_not(self) -> str:
         """What is wrong; empty where nothing is, or too little was told to know."""
-        for window in WINDOWS if not self._jumped else ():
-            why = self._judge(window)
+        if self._jumped or len(self._kept) < FEWEST + 1:
+            return self._jumped
+        times = np.array([m.time for m in self._kept])
+        went, late = np.array([m.went for m in self._kept]), self._told_late(times)
+        for window in WINDOWS:
+            first = min(int(np.searchsorted(times, times[-1] - window)), len(times) - FEWEST)
+            why = _judge(_about_mean(went[first:]), [_about_mean(path) for path in late[:, first:]])
             if why:
                 return why
-        return self._jumped
-
-    def _judge(self, window: float) -> str:
-        times = np.array([m.time for m in self._kept])
-        if len(times) < FEWEST + 1:
-            return ""
-        first = min(int(np.searchsorted(times, times[-1] - window)), len(times) - FEWEST)
-        told = np.array([m.told for m in self._kept])
-        went = _about_mean(np.array([m.went for m in self._kept])[first:])
-        late = []
-        for lag in LAGS:
-            at = times[first:] - lag
-            late.append(_about_mean(np.column_stack([np.interp(at, times, column) for column in told.T])))
-        prompt = [path for path, lag in zip(late, LAGS, strict=True) if lag <= PROMPT]
-        least = min(_rms(path[:, :6]) for path in prompt)
-        if least > VISIBLE and _rms(went) < STANDS * least:
-            return "the arm does not move as it is told: the pose that is handed in does not follow"
-        moved = went[:, :3]
-        if min(_rms(path[:, :3]) for path in prompt) < VISIBLE or _rms(moved) < VISIBLE:
-            return ""
-        right = max((_explained(path[:, :3], moved) for path in late), key=_share)
-        if right.share > FITS and right.factor > THOUSAND:
-            return (
-                f"the pose that is handed in is not in m: the hand went {right.factor:.0f} times as far as it was told"
-            )
-        if right.share >= FITS_NOT:
-            return ""
-        based = max((_explained(path[:, 6:], moved) for path in late), key=_share)
-        back = max((_explained(-path[:, 6:], moved) for path in late), key=_share)
-        if based.share > FITS:
-            return "the twist is executed in the base's frame: it is told in the hand's"
-        if back.share > FITS:
-            return "the pose that is handed in is inverse, the base's in the hand: the hand's in the base is asked for"
         return ""
+
+    def _told_late(self, times: Floats) -> Floats:
+        """(lags, M, 9), the path as it was told, for an arm that is late by each lag."""
+        told, at = np.array([m.told for m in self._kept]), times - LAGS_S[:, None]
+        after = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
+        share = np.clip((at - times[after - 1]) / (times[after] - times[after - 1]), 0.0, 1.0)[..., None]
+        return np.asarray(told[after - 1] * (1.0 - share) + told[after] * share)
+
+
+def _judge(went: Floats, late: list[Floats]) -> str:
+    """What is wrong of a path (N, 6), as it was told for each lag (N, 9), all about their means."""
+    prompt = [path for path, lag in zip(late, LAGS, strict=True) if lag <= PROMPT]
+    least = min(_rms(path[:, :6]) for path in prompt)
+    if least > VISIBLE and _rms(went) < STANDS * least:
+        return "the arm does not move as it is told: the pose that is handed in does not follow"
+    moved = went[:, :3]
+    if min(_rms(path[:, :3]) for path in prompt) < VISIBLE or _rms(moved) < VISIBLE:
+        return ""
+    right = max((_explained(path[:, :3], moved) for path in late), key=_share)
+    if right.share > FITS and right.factor > THOUSAND:
+        return f"the pose that is handed in is not in m: the hand went {right.factor:.0f} times as far as it was told"
+    if right.share >= FITS_NOT:
+        return ""
+    based = max((_explained(path[:, 6:], moved) for path in late), key=_share)
+    back = max((_explained(-path[:, 6:], moved) for path in late), key=_share)
+    if based.share > FITS:
+        return "the twist is executed in the base's frame: it is told in the hand's"
+    if back.share > FITS:
+        return "the pose that is handed in is inverse, the base's in the hand: the hand's in the base is asked for"
+    return ""
 
 
 class _Explained(NamedTuple):

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from grasptrack.equality import compared_by_value
+from grasptrack.servo.grasp_pose import GraspPose
 from grasptrack.servo.law import Aim
 from grasptrack.typing import Floats
 
@@ -38,6 +39,7 @@ class Command:
         height: m to go along the approach direction; NaN where not known.
         goal: (k, 2) px, where the contacts are wanted in the end; None where not known.
         open: whether the hand shall open now, to try again; true in one command of a try only.
+        grasp_pose: where the grasp is in the robot's base, in m, with covariance, as the moves so far have told; None before.
     """
 
     twist: Floats
@@ -49,6 +51,7 @@ class Command:
     height: float = math.nan
     goal: Floats | None = None
     open: bool = False
+    grasp_pose: GraspPose | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
@@ -81,9 +84,11 @@ class Intent:
     close: bool = False
     open: bool = False
 
-    def command(self, twist: Floats) -> Command:
+    def command(self, twist: Floats, pose: GraspPose | None) -> Command:
         """The command with the twist (6,) that limits allow."""
         f = self.found
         if f is None:
-            return Command(twist, self.state, self.reason, self.close, open=self.open)
-        return Command(twist, self.state, self.reason, self.close, f.error, f.error_px, f.height, f.final, self.open)
+            return Command(twist, self.state, self.reason, self.close, open=self.open, grasp_pose=pose)
+        return Command(
+            twist, self.state, self.reason, self.close, f.error, f.error_px, f.height, f.final, self.open, pose
+        )

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -18,6 +19,8 @@ from grasptrack.servo.closing import CloseGate, Closing, judge_opening
 from grasptrack.servo.command import OVER, Command, Intent, State
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.goal import Goal
+from grasptrack.servo.grasp_pose import GraspPose, grasp_pose
+from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.image_check import ImageCheck
 from grasptrack.servo.image_gate import SAME, ImageGate
 from grasptrack.servo.law import AXES, Aim, Approach, Gain, compute_aim
@@ -80,6 +83,8 @@ class GraspServo:
         max_age: s between an image being taken (`taken`) and its result being handed in, beyond which it counts for nothing;
             None for three intervals between images, at least `bounds.blind`, and the latency besides.
         retries: how often it tries again after it has closed on nothing.
+        calibration: of an earlier approach (`servo.calibration`, `HandEye.load`), to be told when it no longer holds
+            (`drifted`); by default what this approach told before is compared with what it tells later.
 
     Raises:
         InputError: degrees of freedom other than 4 or 6, an unknown law, one without its camera, a size, stand-off,
@@ -103,6 +108,7 @@ class GraspServo:
         time_limit=arguments.number,
         max_age=arguments.optional(arguments.number),
         retries=arguments.whole,
+        calibration=arguments.optional(arguments.instance(HandEye)),
     )
     def __init__(
         self,
@@ -123,6 +129,7 @@ class GraspServo:
         time_limit: float = 40.0,
         max_age: float | None = None,
         retries: int = 0,
+        calibration: HandEye | None = None,
     ) -> None:
         if dof not in AXES:
             raise InputError(f"a hand has 4 or 6 degrees of freedom, not {dof}", dof=dof)
@@ -150,7 +157,7 @@ class GraspServo:
         self._observer = ResultObserver(square=dof == 6)
         believed = None if law == "online" else camera
         self._known = SelfCalibration(
-            exploration or Exploration(), dof, believed, self._poses, self._closing.tips, fixed=law == "textbook"
+            exploration or Exploration(), dof, believed, self._poses, self._closing.tips, calibration, law == "textbook"
         )
         self._arm, self._follows = ArmCheck(self.limits), ImageCheck()
         # what is done
@@ -170,6 +177,17 @@ class GraspServo:
     def over(self) -> bool:
         """Whether it is done, holds nothing, or has failed: it brakes and stands, whatever is told from now on."""
         return self.state in OVER
+
+    @property
+    def calibration(self) -> HandEye | None:
+        """Focal length and mounting of the camera as the moves so far have told, with covariance; None before."""
+        known = None if self._known.exploring else self._known.trusted()
+        return None if known is None else HandEye.from_estimate(known)
+
+    @property
+    def drifted(self) -> bool:
+        """Whether later moves contradict the calibration: the camera was knocked, or its focal length changed."""
+        return self._known.drifted
 
     @arguments.checked(held=arguments.optional(arguments.truth), opening=arguments.optional(arguments.finite))
     def closed(self, held: bool | None = None, *, opening: float | None = None) -> None:
@@ -284,7 +302,7 @@ class GraspServo:
             wanted = Intent("failed", verdict.failure)
         self._set(wanted.state, " ".join(wanted.reason.split()))
         self._arm.tell(verdict.twist)
-        return wanted.command(verdict.twist)
+        return wanted.command(verdict.twist, self._grasp_pose(hand, tick.now, time))
 
     def _take_in(self, tick: Tick, hand: Floats, result: TrackResult | None, time: float, taken: float | None) -> _Now:
         """The call as what it is: with a new image, or without one."""
@@ -481,6 +499,19 @@ class GraspServo:
         if known is not None:
             out[:3] = hand[:3, :3].T @ known.object_velocity()
         return out
+
+    def _grasp_pose(self, hand: Floats, now: float, time: float) -> GraspPose | None:
+        """Where the grasp is in the base, at a time of the servo's that is `time` on the caller's clock."""
+        known = None if self._known.exploring else self._known.trusted()
+        if known is None:
+            return None
+        try:
+            with np.errstate(all="ignore"):
+                found = grasp_pose(known, len(self.goal.points), hand, now, self.dof)
+        except (ValueError, ArithmeticError, np.linalg.LinAlgError):
+            return None
+        is_finite = np.isfinite(found.covariance).all() and np.isfinite(found.contacts).all()
+        return replace(found, time=float(time)) if is_finite else None
 
     def _width(self) -> float:
         """m between the first two contacts, as the moves have told; NaN where they have not."""

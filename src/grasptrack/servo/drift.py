@@ -20,7 +20,7 @@ from grasptrack.servo.trust import lasting_covariance
 
 CONTRADICTED = 24.3
 """A chi-square with 7 degrees of freedom is larger once in a thousand times."""
-WINDOW, FEWEST, EVERY = 40, 10, 2
+WINDOW, FEWEST, EVERY = 40, 10, 5
 """Sightings of late, from how many on, and after how many more they are looked at."""
 STEPS = 6
 """Of the search in each look; it goes on from the last one."""

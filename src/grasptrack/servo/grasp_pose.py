@@ -32,7 +32,7 @@ class GraspPose:
     have to go is known all the same: `command.height`, `tips_to_contacts`.
 
     Attributes:
-        time: s, of which it is true.
+        time: s, of which it is true; in a command on the clock of `update`.
         contacts: (k, 3) m.
         position: (3,) m, their middle.
         approach: (3,), along which the fingers go down: with 4 degrees of freedom z of the hand, with 6 the normal of the

@@ -21,6 +21,7 @@ from grasptrack.servo.camera import NominalCamera, check_pose, pose_of, rotation
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.model import FOCAL, OFFSET, TURN
 from grasptrack.typing import Floats
+from grasptrack.yaml_text import read_yaml
 
 FORMAT = 1
 """Of a calibration's file; raised when a key changes its meaning or goes away."""
@@ -396,8 +397,6 @@ def _read_content(file: Path) -> dict[str, Any]:
     Raises:
         InputError: it cannot be read, or has no keys.
     """
-    from grasptrack.io.calibration import read_yaml
-
     try:
         with file.open("rb") as stream:
             data = stream.read(LARGEST_FILE + 1)

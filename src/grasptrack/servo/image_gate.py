@@ -96,9 +96,6 @@ class ImageGate:
                 return f"an image of {self._taken - taken:.2f} s before the last one"
             if time - taken > self.greatest_age():
                 return f"the image is {time - taken:.2f} s old"
-        late = 0.0 if result.time is None or not self._lags else time - result.time - min(self._lags)
-        if late > self.greatest_age() - self._latency:
-            return f"the image is {late:.2f} s older than those before"
         if self._frame is None:
             return ""
         if result.frame == self._frame:
@@ -108,6 +105,9 @@ class ImageGate:
                 return f"an answer for an image of {self._time - result.time:.2f} s before the last one"
         elif 0 < result.frame < self._frame:  # 0 is the first image of another tracker
             return f"an answer for frame {result.frame}, after that for frame {self._frame}"
+        late = 0.0 if result.time is None or not self._lags else time - result.time - min(self._lags)
+        if late > self.greatest_age() - self._latency:
+            return f"the image is {late:.2f} s older than those before"
         return ""
 
 

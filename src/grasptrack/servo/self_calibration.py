@@ -18,6 +18,7 @@ import numpy as np
 from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import NominalCamera, inverse_pose
+from grasptrack.servo.drift import DriftAlarm
 from grasptrack.servo.estimate import (
     AGREEING,
     ASTIR,
@@ -31,10 +32,12 @@ from grasptrack.servo.estimate import (
     refine_estimate,
 )
 from grasptrack.servo.first_estimate import UnexploredError, initialize_calibration, initialize_from_nominal, signals_of
+from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.model import SHAPE, Placed
 from grasptrack.servo.observation import Observation, Poses
 from grasptrack.servo.setup_check import delay_sightings, find_fault, find_lateness
 from grasptrack.servo.tilt_check import TiltCheck
+from grasptrack.servo.trust import Trust
 from grasptrack.typing import Floats
 
 ORDER = {4: (0, 2, 5, 1), 6: (0, 2, 5, 1, 3, 4)}
@@ -114,12 +117,14 @@ class SelfCalibration:
         camera: what is believed of the camera; with it nothing is explored.
         poses: of the hand.
         forgiven: m by which the fingertips of a hand of 4 DoF may be off because the part is tilted.
+        reference: a calibration of an earlier approach; None for what the present one told before.
         fixed: whether that is never corrected: the textbook's law.
 
     Attributes:
         failed: why it cannot be calibrated; empty where it can.
         restarts: how often an estimate proved wrong.
         lateness: s by which images are older than was told, as the exploratory moves show.
+        drifted: later moves have contradicted the calibration.
     """
 
     def __init__(
@@ -129,13 +134,14 @@ class SelfCalibration:
         camera: NominalCamera | None,
         poses: Poses,
         forgiven: float,
+        reference: HandEye | None = None,
         fixed: bool = False,
     ) -> None:
         self._how, self._order, self._nominal, self._poses = exploration, ORDER[dof], camera, poses
         self._fixed = fixed
-        self._square, self._forgiven = dof == 4, forgiven
+        self._square, self._forgiven, self._reference = dof == 4, forgiven, reference
         self._slope = 0.01 if dof == 4 else 0.3
-        self.restarts, self.lateness = 0, 0.0
+        self.restarts, self.lateness, self.drifted = 0, 0.0, False
         self.begin_anew()
 
     def begin_anew(self) -> None:
@@ -149,6 +155,7 @@ class SelfCalibration:
         self._stage, self._began, self._larger, self._doublings = 0, float("nan"), 1.0, 0
         self._fits: deque[bool] = deque(maxlen=100)
         self._tilt = TiltCheck(self._forgiven)
+        self._trust, self._drift = Trust(), DriftAlarm(self._reference)
         self.estimate: Estimate | ClassicalIBVS | None = None
         self.failed = ""
         self._regrasp = self._sure = False
@@ -158,6 +165,22 @@ class SelfCalibration:
         """Begin anew with an estimate that proved wrong; how often is counted."""
         self.restarts += 1
         self.begin_anew()
+
+    def trusted(self) -> Estimate | None:
+        """The estimate with a covariance that is to be believed; None where there is none, or it cannot be told."""
+        known = self.estimate
+        if not isinstance(known, Estimate):
+            return None
+        try:
+            return self._trust.estimate(known, self._origin, self._seen, self._search)
+        except (ValueError, ArithmeticError, np.linalg.LinAlgError):
+            return None
+
+    def _look_for_drift(self, seen: Observation) -> None:
+        told = self.trusted()
+        if told is not None:
+            with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
+                self.drifted = self._drift.take(seen, told, told.displaced_at) or self.drifted
 
     def lose_object(self, time: float) -> None:
         """Nobody knows where the object went meanwhile; camera and shape stay known."""
@@ -170,6 +193,7 @@ class SelfCalibration:
         """Another grasp is followed from now on, on the same object: the camera stays known, and where the object lies."""
         if isinstance(self.estimate, Estimate):
             self._regrasp, self._sure = True, False
+            self._drift.change_grasp()
         else:
             self.begin_anew()
 
@@ -217,6 +241,8 @@ class SelfCalibration:
         elif self._square and self._has_moves and not self._is_displaced():
             self._check_tilt(centre, side)
         self._refine_estimate()
+        if fits and not self.exploring:
+            self._look_for_drift(seen)
         return fits
 
     def _begin_from_the_same_object(self, seen: Observation) -> None:

@@ -24,8 +24,9 @@ CLEARLY = 25.0
 """So much less is left by the hypothesis that is believed, in squared standard deviations: odds of 1 in 10^5."""
 TURNED, RAISED = 0.02, 0.004
 """rad and m of the hand's moves from which on they tell something."""
-LATENESS: Floats = np.arange(-0.06, 0.31, 0.01)
-"""s by which images may be older than was told."""
+LATENESS: Floats = np.arange(-0.06, 0.331, 0.03)
+FINER = 0.01
+"""s by which images may be older than was told: first in steps that no move lasts, then finer about the best."""
 UNNOTICED = 0.012
 """s of lateness that are not corrected: the moves do not show them better."""
 
@@ -56,18 +57,24 @@ def find_lateness(
         pose_at: the hand's pose (4, 4) at a time, s.
         base, centre: as of `signals_of`.
     """
-    costs = []
-    for late in LATENESS.tolist():
+
+    def cost(late: float) -> float:
         found = signals_of(delay_sightings(seen, late, pose_at), base, centre)
-        costs.append(_bounded(fit_moves(found).left / found.noise))
-    best, told = int(np.argmin(costs)), costs[int(np.argmin(np.abs(LATENESS)))]
-    late = float(LATENESS[best])
-    if told - costs[best] < CLEARLY or abs(late) < UNNOTICED:
+        return _bounded(fit_moves(found).left / found.noise)
+
+    costs = {late: cost(late) for late in LATENESS.tolist()}
+    told = costs[min(costs, key=abs)]
+    best = min(costs, key=costs.__getitem__)
+    if told - costs[best] < CLEARLY and best == min(costs, key=abs):
         return 0.0
-    if 0 < best < len(costs) - 1:  # between the steps, by a parabola
-        a, b, c = costs[best - 1 : best + 2]
-        late += 0.5 * (a - c) / max(a - 2.0 * b + c, 1e-9) * float(LATENESS[1] - LATENESS[0])
-    return late
+    costs |= {late: cost(late) for late in (best - FINER, best + FINER)}
+    best = min(costs, key=costs.__getitem__)
+    for late in (best - FINER, best + FINER):
+        costs.setdefault(late, cost(late))
+    if told - costs[best] < CLEARLY or abs(best) < UNNOTICED:
+        return 0.0
+    before, at, after = costs[best - FINER], costs[best], costs[best + FINER]
+    return float(best + 0.5 * FINER * (before - after) / max(before - 2.0 * at + after, 1e-9))  # of the parabola
 
 
 def delay_sightings(seen: Sequence[Observation], late: float, pose_at: Callable[[float], Floats]) -> list[Observation]:
