@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -40,6 +41,7 @@ RESTARTS = 2
 """How often an estimate that proved wrong is begun anew before the servo gives up."""
 JUMPS = 3
 """So many jumps of the caller's clock in a row, and its times are in no seconds."""
+STANDS = "its time is the last one's"
 UNSURE = "not sure which object is meant: name it (object_at, box or outline), confirm it (number=1), or ask for less (sure=0)"
 """What a servo says while it does not move for that."""
 
@@ -319,14 +321,11 @@ class GraspServo:
         if result is not None:
             age = self._latency if taken is None else time - taken
             at = self._poses.pose_at(tick.now - age - self._known.lateness)
-            why = (
-                self._images.why_not(result, tick.now, time, taken, at)
-                if tick.goes_on
-                else "its time is the last one's"
-            )
-            if not why:
-                self._age, self._result = age, result
+            why = self._images.why_not(result, tick.now, time, taken, at) if tick.goes_on else STANDS
+            if not why and not result.repeated:
                 self._watchdog.note_image(tick.now, self._images.interval)
+            if not why and not self._watchdog.is_blind(tick.now):
+                self._age, self._result = age, result
                 return _Now(tick.now, tick.step, hand, result, "")
         return _Now(tick.now, tick.step, hand, None, why or SAME)
 
@@ -443,8 +442,10 @@ class GraspServo:
             return Intent(
                 "failed", f"nobody told within {self._closing.timeout:g} s what came of closing: call closed()"
             )
-        if now.result is not None and now.result.object_sure and self._observe_result(now, now.result)[1]:
-            self._unseen.note_seen(now.time)
+        if now.result is not None and now.result.object_sure:
+            with suppress(InputError, ArithmeticError, np.linalg.LinAlgError):
+                if self._observe_result(now, now.result)[1]:
+                    self._unseen.note_seen(now.time)
         seen = self._unseen.seen_recently(now.time, self._watchdog.patience)
         twist = self._following_twist(now.hand) if seen else np.zeros(6)
         return Intent("closing", "waits to be told whether something is held", twist)
