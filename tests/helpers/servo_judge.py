@@ -146,7 +146,8 @@ class Judge:
         self.calls += 1
         sane = abs(seen.told - seen.seconds) < 1e-6
         left = 0.0 if self.sane or sane else self.credit  # what a clock that stood has kept back may come later
-        self.credit = min(left + seen.seconds, LONGEST)
+        passed = seen.told if self.calls == 2 else 0.0  # how often calls come, nobody can know before
+        self.credit = min(max(left + seen.seconds, passed), LONGEST)
         regular = sane and seen.seconds < PAUSE * self.pace  # nobody can brake while nobody calls
         self.sane, self.sane_since = sane, regular and self.sane_since
         self.blind, self.blind_calls = self.blind + seen.seconds, self.blind_calls + 1
