@@ -46,8 +46,9 @@ class _Moment(NamedTuple):
 
     Attributes:
         time: s.
-        went: (6,) m, where the hand is in the base, and what it has turned in its own frame, times `LEVER`.
-        told: (9,) m, the same as it was told so far, and the shift once more as if twists were in the base's frame.
+        went: (9,) m, where the hand is in the base, what it has turned in its own frame, times `LEVER`, and where it is if
+            the pose is inverse.
+        told: (12,) m, how it was told to go so far, in the same order; then its shift as if twists were in the base's frame.
     """
 
     time: float
@@ -68,7 +69,7 @@ class ArmCheck:
         self._hand: Floats | None = None
         self._twist: Floats = np.zeros(6)
         self._turned: Floats = np.zeros(3)
-        self._told: Floats = np.zeros(9)
+        self._told: Floats = np.zeros(12)
 
     def forget(self) -> None:
         """The clock has jumped: what happened meanwhile is not known."""
@@ -84,8 +85,10 @@ class ArmCheck:
             self._note_jump(hand, self._hand, seconds)
             self._turned = self._turned + LEVER * rotation_vector(self._hand[:3, :3].T @ hand[:3, :3])
             v, w = seconds * self._twist[:3], seconds * self._twist[3:]
-            self._told = self._told + np.concatenate([self._hand[:3, :3] @ v, LEVER * w, v])
-        self._kept.append(_Moment(now, np.concatenate([hand[:3, 3], self._turned]), self._told))
+            R = self._hand[:3, :3]
+            self._told = self._told + np.concatenate([R @ v, LEVER * w, R.T @ v, v])
+        inverse = -hand[:3, :3].T @ hand[:3, 3]
+        self._kept.append(_Moment(now, np.concatenate([hand[:3, 3], self._turned, inverse]), self._told))
         self._hand = hand
         while len(self._kept) > FEWEST and self._kept[1].time <= now - WINDOWS[-1] - LAGS[-1]:
             self._kept.popleft()
@@ -96,9 +99,14 @@ class ArmCheck:
         way, angle = math.dist(hand[:3, 3], before[:3, 3]), math.hypot(*turn.tolist())
         far, wide = FASTER * self._limits.linear * seconds, FASTER * self._limits.angular * seconds
         if way > far + JOLT or angle > wide + JOLT / LEVER:
+            told = math.hypot(*self._twist[:3].tolist()) * seconds
             self._jumped = (
-                f"the pose that is handed in jumps, by {100.0 * way:.1f} cm and {math.degrees(angle):.0f} degrees in "
-                f"{seconds:.2g} s: is it always the hand's, in m and in the same frame?"
+                _not_in_m(way / told)
+                if THOUSAND * told < way < 30.0 * THOUSAND * told
+                else (
+                    f"the pose that is handed in jumps, by {100.0 * way:.1f} cm and {math.degrees(angle):.0f} degrees in "
+                    f"{seconds:.2g} s: is it always the hand's, in m and in the same frame?"
+                )
             )
 
     def tell(self, twist: Floats) -> None:
@@ -119,7 +127,7 @@ class ArmCheck:
         return ""
 
     def _told_late(self, times: Floats) -> Floats:
-        """(lags, M, 9), the path as it was told, for an arm that is late by each lag."""
+        """(lags, M, 12), the path as it was told, for an arm that is late by each lag."""
         told, at = np.array([m.told for m in self._kept]), times - LAGS_S[:, None]
         after = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
         share = np.clip((at - times[after - 1]) / (times[after] - times[after - 1]), 0.0, 1.0)[..., None]
@@ -127,26 +135,30 @@ class ArmCheck:
 
 
 def _judge(went: Floats, late: list[Floats]) -> str:
-    """What is wrong of a path (N, 6), as it was told for each lag (N, 9), all about their means."""
+    """What is wrong of a path (N, 9), as it was told for each lag (N, 12), all about their means."""
     prompt = [path for path, lag in zip(late, LAGS, strict=True) if lag <= PROMPT]
     least = min(_rms(path[:, :6]) for path in prompt)
-    if least > VISIBLE and _rms(went) < STANDS * least:
+    if least > VISIBLE and _rms(went[:, :6]) < STANDS * least:
         return "the arm does not move as it is told: the pose that is handed in does not follow"
     moved = went[:, :3]
     if min(_rms(path[:, :3]) for path in prompt) < VISIBLE or _rms(moved) < VISIBLE:
         return ""
     right = max((_explained(path[:, :3], moved) for path in late), key=_share)
     if right.share > FITS and right.factor > THOUSAND:
-        return f"the pose that is handed in is not in m: the hand went {right.factor:.0f} times as far as it was told"
+        return _not_in_m(right.factor)
     if right.share >= FITS_NOT:
         return ""
-    based = max((_explained(path[:, 6:], moved) for path in late), key=_share)
-    back = max((_explained(-path[:, 6:], moved) for path in late), key=_share)
+    based = max((_explained(path[:, 9:], moved) for path in late), key=_share)
+    back = max((_explained(path[:, 6:9], went[:, 6:9]) for path in late), key=_share)
     if based.share > FITS:
         return "the twist is executed in the base's frame: it is told in the hand's"
     if back.share > FITS:
         return "the pose that is handed in is inverse, the base's in the hand: the hand's in the base is asked for"
     return ""
+
+
+def _not_in_m(factor: float) -> str:
+    return f"the pose that is handed in is not in m (in mm?): the hand went {factor:.0f} times as far as it was told"
 
 
 class _Explained(NamedTuple):

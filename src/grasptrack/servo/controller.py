@@ -19,7 +19,7 @@ from grasptrack.servo.clock import ServoClock, Tick
 from grasptrack.servo.closing import CloseGate, Closing, judge_opening
 from grasptrack.servo.command import OVER, Command, Intent, State
 from grasptrack.servo.estimate import Estimate
-from grasptrack.servo.goal import Goal
+from grasptrack.servo.goal import WIDEST, Goal
 from grasptrack.servo.grasp_pose import GraspPose, grasp_pose
 from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.image_check import ImageCheck
@@ -41,6 +41,11 @@ RESTARTS = 2
 """How often an estimate that proved wrong is begun anew before the servo gives up."""
 JUMPS = 3
 """So many jumps of the caller's clock in a row, and its times are in no seconds."""
+WIDER = 1.5
+"""Times the opening that contacts seem apart at most: a first estimate errs, but the hand is open as wide as it goes."""
+DISPLACED, MOST_DISPLACED = 0.3, 8
+"""s for which it stands once the object was found displaced, so that what moves in the image then is the object and not the
+hand; and so many times at most."""
 STANDS = "its time is the last one's"
 UNSURE = "not sure which object is meant: name it (object_at, box or outline), confirm it (number=1), or ask for less (sure=0)"
 """What a servo says while it does not move for that."""
@@ -157,9 +162,16 @@ class GraspServo:
         self._images = ImageGate(max_age, bounds.blind, latency)
         # what is known
         self._observer = ResultObserver(square=dof == 6)
-        believed = None if law == "online" else camera
+        believed, widest = None if law == "online" else camera, WIDER * goal.opening if goal.opening else WIDEST
         self._known = SelfCalibration(
-            exploration or Exploration(), dof, believed, self._poses, self._closing.tips, calibration, law == "textbook"
+            exploration or Exploration(),
+            dof,
+            believed,
+            self._poses,
+            self._closing.tips,
+            widest,
+            calibration,
+            law == "textbook",
         )
         self._arm, self._follows = ArmCheck(self.limits), ImageCheck()
         # what is done
@@ -363,10 +375,13 @@ class GraspServo:
     def _decide_motion(self, now: _Now) -> Intent:
         known = self._known
         seen, fits = (None, False) if now.result is None else self._observe_result(now, now.result)
-        if known.failed or known.restarts > RESTARTS:
+        if known.failed or known.restarts > RESTARTS or known.displacements > MOST_DISPLACED:
             return Intent("failed", known.failed or "what is seen does not fit the motion of the hand")
         if self.state == "retreating":
             return self._retreating_intent(now)
+        if isinstance(known.estimate, Estimate) and now.time - self._age - known.estimate.displaced_at < DISPLACED:
+            self._doubt.reset_count()
+            return Intent("holding", "the object is not where it was: stands, and looks where it goes")
         if now.result is None:
             return self._intent_between(now)
         if seen is not None and fits:
@@ -498,7 +513,9 @@ class GraspServo:
         out = np.zeros(6)
         known = self._known.estimate
         if known is not None:
-            out[:3] = hand[:3, :3].T @ known.object_velocity()
+            velocity, normal = hand[:3, :3].T @ known.object_velocity(), known.normal(hand)
+            out[:3] = velocity - normal * (normal @ velocity)
+            out[2] *= self.dof == 6  # nothing that lies on a table comes nearer by itself
         return out
 
     def _grasp_pose(self, hand: Floats, now: float, time: float) -> GraspPose | None:

@@ -95,7 +95,7 @@ class FirstEstimate(NamedTuple):
 
 
 def initialize_calibration(
-    seen: Sequence[Observation], centre: Floats, side: float, slope: float, seed: int = 0
+    seen: Sequence[Observation], centre: Floats, side: float, slope: float, widest: float = 1.0, seed: int = 0
 ) -> FirstEstimate:
     """What was known before, and the estimate after all sightings of exploratory moves.
 
@@ -104,6 +104,7 @@ def initialize_calibration(
         centre: (2,) px, the middle of the image.
         side: px, the larger side of the image.
         slope: rad, by how much the object's plane may be tilted against the hand.
+        widest: m that the contacts are apart at most.
         seed: of the random subsets.
 
     Raises:
@@ -115,7 +116,7 @@ def initialize_calibration(
     fit = fit_moves(found, seed)
     off = np.asarray(np.abs(fit.left) / found.noise, dtype=np.float64)
     m, ok = complex(-fit.terms[0]), off < 6.0 * max(1.0, 1.5 * float(_last_axis_median(off)))
-    if not 1.0 < abs(m) < 1e4:
+    if not 1.0 / widest < abs(m) < 1e4:
         raise UnexploredError(
             "the hand's moves do not show in the image: is it another camera's, or does the object move along with the hand?"
         )

@@ -94,7 +94,7 @@ ASIDE, TURNED = 0.006, 0.06
 """m and rad from which on the hand stays at the stand-off; within half of them it goes all the way."""
 UNSURE = 0.1
 """Relative standard deviation of the contacts' distance from which on it stays at the stand-off."""
-NEARER, CAUTIOUS = 3.0, 0.6
+NEARER, CAUTIOUS = 3.0, 0.75
 """Standard deviations by which an object may be nearer than it seems, and the share of the way down that is kept for that: what
 is left of the way shows how far away it is."""
 SLOPE = 0.01

@@ -117,12 +117,14 @@ class SelfCalibration:
         camera: what is believed of the camera; with it nothing is explored.
         poses: of the hand.
         forgiven: m by which the fingertips of a hand of 4 DoF may be off because the part is tilted.
+        widest: m that the contacts are apart at most.
         reference: a calibration of an earlier approach; None for what the present one told before.
         fixed: whether that is never corrected: the textbook's law.
 
     Attributes:
         failed: why it cannot be calibrated; empty where it can.
         restarts: how often an estimate proved wrong.
+        displacements: how often the object was found displaced.
         lateness: s by which images are older than was told, as the exploratory moves show.
         drifted: later moves have contradicted the calibration.
     """
@@ -134,14 +136,16 @@ class SelfCalibration:
         camera: NominalCamera | None,
         poses: Poses,
         forgiven: float,
+        widest: float,
         reference: HandEye | None = None,
         fixed: bool = False,
     ) -> None:
         self._how, self._order, self._nominal, self._poses = exploration, ORDER[dof], camera, poses
         self._fixed = fixed
         self._square, self._forgiven, self._reference = dof == 4, forgiven, reference
+        self._widest = widest
         self._slope = 0.01 if dof == 4 else 0.3
-        self.restarts, self.lateness, self.drifted = 0, 0.0, False
+        self.restarts, self.displacements, self.lateness, self.drifted = 0, 0, 0.0, False
         self.begin_anew()
 
     def begin_anew(self) -> None:
@@ -271,6 +275,7 @@ class SelfCalibration:
                 self.estimate, self._search = anew, search
                 return True
         known.release_object(seen.time)
+        self.displacements += 1
         return known.observe(seen) < FAR
 
     def _keep_observation(self, seen: Observation) -> None:
@@ -333,7 +338,7 @@ class SelfCalibration:
                 return
         try:
             self._origin, self.estimate, self._search = initialize_calibration(
-                tuple(self._seen), centre, side, self._slope
+                tuple(self._seen), centre, side, self._slope, self._widest
             )
             self._stage += 1
         except UnexploredError as found:
@@ -384,7 +389,7 @@ class SelfCalibration:
             if self.estimate is None:
                 with suppress(UnexploredError):
                     self._origin, self.estimate, self._search = initialize_calibration(
-                        self._seen, centre, side, self._slope
+                        self._seen, centre, side, self._slope, self._widest
                     )
         self._began = float("nan")
 

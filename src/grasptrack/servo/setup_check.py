@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.servo.first_estimate import NOISE, Signals, fit_moves, signals_of
-from grasptrack.servo.observation import Observation
+from grasptrack.servo.observation import FLOOR, Observation
 from grasptrack.typing import Floats
 
 MOST = 25.0
@@ -39,12 +39,14 @@ def find_fault(found: Signals) -> str:
     """
     right, mirrored = (_cost_of_view(found, way) for way in (False, True))
     turned = right - mirrored > CLEARLY and right > 4.0 * mirrored
-    away = _shrinks(found)
-    if away and (turned or float(np.ptp(found.theta)) < TURNED):
+    nearer, away = _costs_of_nearing(found)
+    if nearer - away > CLEARLY and (turned or float(np.ptp(found.theta)) < TURNED):
         return "the hand's z axis is turned round: it has to point along the fingers, toward the object, as twists go along it"
-    if turned:
+    if not turned:
+        return ""
+    if away - nearer > CLEARLY:
         return "the image is mirrored: it turns against the hand"
-    return ""
+    return "the image turns against the hand: it is mirrored, or the hand's z axis is turned round"
 
 
 def find_lateness(
@@ -92,19 +94,19 @@ def _cost_of_view(found: Signals, mirrored: bool) -> float:
     return _bounded(middle) + _bounded(angle / (NOISE * np.sqrt(2.0) / np.abs(segment)))
 
 
-def _shrinks(found: Signals) -> bool:
-    """Whether the object seems to shrink where the hand comes nearer."""
+def _costs_of_nearing(found: Signals) -> tuple[float, float]:
+    """What is left of the object's size in the image if it grows where the hand comes nearer, and if it shrinks."""
     z, inverse = found.z - np.median(found.z), 1.0 / found.length
     if float(np.ptp(z)) < RAISED:
-        return False
-    noise = NOISE / found.length**2
+        return 0.0, 0.0
+    noise = FLOOR / found.length**2
     costs = []
-    for sign in (1.0, -1.0):
+    for sign in (-1.0, 1.0):
         slopes = sign * np.linspace(0.05, 10.0, 60) * float(np.median(inverse))  # 1/m: the object 0.1 to 20 m away
         off = inverse[None] - slopes[:, None] * z[None]
         off = off - np.median(off, axis=1)[:, None]
         costs.append(min(_bounded(row / noise) for row in off))
-    return costs[1] - costs[0] > CLEARLY and costs[1] > 4.0 * costs[0]
+    return costs[0], costs[1]
 
 
 def _bounded(off: NDArray[np.generic]) -> float:

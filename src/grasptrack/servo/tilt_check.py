@@ -28,7 +28,7 @@ ALIKE = 2.0
 """px by which points are off alike in all images, as those of a thick part are: more images do not make that less."""
 CORRELATED, ODDS = 5, 1e3
 """Sightings in a row that count as one, since their errors are much the same; odds at which a tilted plane is believed."""
-LEFT = 0.7
+LEFT = 0.5
 """Share of what is not explained that a tilted plane leaves at most: the tracker's small errors are left by either."""
 MOST = 25.0
 """Squared standard deviations that a sighting counts at most."""
