@@ -43,9 +43,11 @@ JUMPS = 3
 """So many jumps of the caller's clock in a row, and its times are in no seconds."""
 WIDER = 1.5
 """Times the opening that contacts seem apart at most: a first estimate errs, but the hand is open as wide as it goes."""
-DISPLACED, MOST_DISPLACED = 0.3, 8
+DISPLACED, MOST_DISPLACED = 0.3, 2
 """s for which it stands once the object was found displaced, so that what moves in the image then is the object and not the
 hand; and so many times at most."""
+BENEATH = 0.006
+"""m below the goal, as it was known while all fitted, to which the hand may go."""
 STANDS = "its time is the last one's"
 UNSURE = "not sure which object is meant: name it (object_at, box or outline), confirm it (number=1), or ask for less (sure=0)"
 """What a servo says while it does not move for that."""
@@ -439,6 +441,8 @@ class GraspServo:
             self._known.restart_estimate()
             return Intent("holding", "the goal would lie behind the camera, or nowhere: begins anew")
         self._trail.add(now.time, now.hand)
+        if self._known.displacements == 0:  # what is found displaced still lies on the same table
+            self._watchdog.floor = found.height - self._watchdog.rise(now.hand) + BENEATH
         carried = self._following_twist(now.hand)
         if found.aligned and found.height > 0.5 * self.standoff and self._known.explore_again():
             return Intent("approaching", "explores again before it goes down", carried, found)

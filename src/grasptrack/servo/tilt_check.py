@@ -30,6 +30,8 @@ CORRELATED, ODDS = 5, 1e3
 """Sightings in a row that count as one, since their errors are much the same; odds at which a tilted plane is believed."""
 LEFT = 0.5
 """Share of what is not explained that a tilted plane leaves at most: the tracker's small errors are left by either."""
+NOISE = 0.5
+"""Variance of what it leaves, over that of a sighting, at most: a part that is moved meanwhile is explained by no plane."""
 MOST = 25.0
 """Squared standard deviations that a sighting counts at most."""
 SURE = 3.0
@@ -106,7 +108,8 @@ class TiltCheck:
 def _is_likelier(one: Estimate, other: Estimate, seen: Sequence[Observation]) -> bool:
     """Whether the sightings speak clearly for one estimate: it leaves less of them, and not just of their small errors."""
     left, instead = (_unexplained(each, seen) for each in (one, other))
-    return instead - left > 2.0 * CORRELATED * math.log(ODDS) and left < LEFT * instead
+    explains = left < NOISE * 2 * sum(len(each.points) for each in seen)
+    return explains and instead - left > 2.0 * CORRELATED * math.log(ODDS) and left < LEFT * instead
 
 
 def _unexplained(known: Estimate, seen: Sequence[Observation]) -> float:

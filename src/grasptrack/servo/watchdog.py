@@ -39,7 +39,7 @@ class Bounds:
         InputError: one of them is not positive.
     """
 
-    path: float = 3.0
+    path: float = 5.0
     rise: float = 0.05
     blind: float = 0.3
 
@@ -82,12 +82,13 @@ class Watchdog:
         twist: (6,), the last that was let pass.
         path: m that the hand was told to go so far.
         over: it brakes, and then stands for ever.
+        floor: m below its start at which the hand is told to go no lower; infinite where nobody said so.
     """
 
     def __init__(self, limits: Limits, bounds: Bounds, upright: bool) -> None:
         self._limits, self._bounds, self._upright = limits, bounds, upright
         self.twist: Floats = np.zeros(6)
-        self.path, self.over = 0.0, False
+        self.path, self.over, self.floor = 0.0, False, math.inf
         self._start: Floats | None = None
         self._up: Floats = np.zeros(3)
         self._image, self._patience = math.nan, bounds.blind
@@ -139,7 +140,9 @@ class Watchdog:
             self.over = True
         goal = np.zeros(6)
         if not self.over and np.isfinite(wanted).all():
-            goal = self._stopped_rise(self._slowed(wanted, tick.now + pace), hand)
+            goal = self._slowed(wanted, tick.now + pace)
+            goal = self._stopped(goal, hand, self._up, TURNED_BACK * self._bounds.rise - self.rise(hand))
+            goal = self._stopped(goal, hand, -self._up, self.floor + self.rise(hand))
         self.twist = self._limits.reachable(goal, self.twist, tick.step)
         return Verdict(self.twist.copy(), failure)
 
@@ -174,11 +177,10 @@ class Watchdog:
                 out[part] *= most / size
         return out
 
-    def _stopped_rise(self, wanted: Floats, hand: Floats) -> Floats:
-        """Less of what would take it above its bound."""
-        way = hand[:3, :3].T @ self._up
-        speed = float(way @ wanted[:3])
-        left = max(TURNED_BACK * self._bounds.rise - self.rise(hand), 0.0)
+    def _stopped(self, wanted: Floats, hand: Floats, toward: Floats, left: float) -> Floats:
+        """Less of what would take it farther in a direction of the base than the way in m that is left."""
+        way = hand[:3, :3].T @ toward
+        speed, left = float(way @ wanted[:3]), max(left, 0.0)
         most = min(left / REACTION, math.sqrt(2.0 * self._limits.linear_acceleration * left))
         if speed <= most:
             return wanted
