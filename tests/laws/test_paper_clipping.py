@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from grasptrack.bench.paper.clipping import CLIPPED, clip_polygon, clipped_footage
@@ -22,6 +22,7 @@ def area(points):
 
 @SOME
 @given(st.integers(0, 2**31), st.floats(0.0, 6.28), st.floats(-0.9, 0.9))
+@example(236, 0.5, 0.890625)  # all of it lies on one side
 def test_both_sides_of_a_border_together_are_the_whole(seed, angle, border):
     rng = np.random.default_rng(seed)
     turns = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)

@@ -100,12 +100,14 @@ def clip_polygon(points: Floats, normal: Floats, border: float) -> tuple[Floats,
         border: of the half plane that is kept.
 
     Returns:
-        (M, 2) what is left, with the border's piece between each way out and in; and (M,) which points lie on the border,
+        (M, 2) what is left, none where all lies beyond, with the border's piece between each way out and in; and (M,) which points lie on the border,
         None where pieces of it overlap, so that what is left is not in one piece.
     """
     beyond = points @ normal - border
     if (beyond <= 0.0).all():
         return points, np.zeros(len(points), dtype=np.bool_)
+    if (beyond > 0.0).all():
+        return points[:0], np.zeros(0, dtype=np.bool_)
     first = int(np.flatnonzero(beyond <= 0.0)[0])
     points, beyond = np.roll(points, -first, axis=0), np.roll(beyond, -first)
     kept: list[Floats] = []
