@@ -100,8 +100,8 @@ def clip_polygon(points: Floats, normal: Floats, border: float) -> tuple[Floats,
         border: of the half plane that is kept.
 
     Returns:
-        (M, 2) what is left, none where all lies beyond, with the border's piece between each way out and in; and (M,) which points lie on the border,
-        None where pieces of it overlap, so that what is left is not in one piece.
+        (M, 2) what is left, none where all lies beyond, with the border's piece between each way out and in; and (M,) which
+        points lie on the border, None where pieces of it overlap, so that what is left is not in one piece.
     """
     beyond = points @ normal - border
     if (beyond <= 0.0).all():
