@@ -22,12 +22,12 @@ MOST = 25.0
 """Squared standard deviations that a sighting counts at most: some are wrong."""
 CLEARLY = 25.0
 """So much less is left by the hypothesis that is believed, in squared standard deviations: odds of 1 in 10^5."""
-TURNED, RAISED = 0.02, 0.004
-"""rad and m of the hand's moves from which on they tell something."""
+RAISED = 0.004
+"""m of the hand's move along the approach direction from which on it tells something."""
 LATENESS: Floats = np.arange(-0.06, 0.331, 0.03)
 FINER = 0.01
 """s by which images may be older than was told: first in steps that no move lasts, then finer about the best."""
-UNNOTICED = 0.012
+UNNOTICED = 0.004
 """s of lateness that are not corrected: the moves do not show them better."""
 
 
@@ -39,11 +39,11 @@ def find_fault(found: Signals) -> str:
     """
     right, mirrored = (_cost_of_view(found, way) for way in (False, True))
     turned = right - mirrored > CLEARLY and right > 4.0 * mirrored
-    nearer, away = _costs_of_nearing(found)
-    if nearer - away > CLEARLY and (turned or float(np.ptp(found.theta)) < TURNED):
-        return "the hand's z axis is turned round: it has to point along the fingers, toward the object, as twists go along it"
     if not turned:
         return ""
+    nearer, away = _costs_of_nearing(found)
+    if nearer - away > CLEARLY:  # of a hand that leans, or an object that moves, the size alone tells nothing
+        return "the hand's z axis is turned round: it has to point along the fingers, toward the object, as twists go along it"
     if away - nearer > CLEARLY:
         return "the image is mirrored: it turns against the hand"
     return "the image turns against the hand: it is mirrored, or the hand's z axis is turned round"

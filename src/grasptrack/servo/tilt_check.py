@@ -20,7 +20,7 @@ from grasptrack.servo.model import POSE
 from grasptrack.servo.observation import Observation
 from grasptrack.typing import Floats
 
-EVERY = 5
+EVERY = 3
 """Sightings from one look to the next."""
 FREE = 0.3
 """rad by which the plane may be tilted."""
@@ -28,7 +28,7 @@ ALIKE = 2.0
 """px by which points are off alike in all images, as those of a thick part are: more images do not make that less."""
 CORRELATED, ODDS = 5, 1e3
 """Sightings in a row that count as one, since their errors are much the same; odds at which a tilted plane is believed."""
-LEFT = 0.5
+LEFT = 0.7
 """Share of what is not explained that a tilted plane leaves at most: the tracker's small errors are left by either."""
 NOISE = 0.5
 """Variance of what it leaves, over that of a sighting, at most: a part that is moved meanwhile is explained by no plane."""
