@@ -140,8 +140,9 @@ class HandEye:
 
         Args:
             path: of the file.
-            hand, camera, base: names of the frames: the one whose pose the servo was given, the camera's optical one, and
-                the one in which that pose was.
+            hand: name of the frame whose pose the servo was given.
+            camera: name of the camera's optical frame.
+            base: name of the frame in which the hand's pose was.
 
         Raises:
             InputError: it cannot be written.
@@ -204,7 +205,9 @@ grasptrack:
             path: of the file; for easy_handeye2 the calibration's name and `.calib`, in the folder of its calibrations.
             kind: "easy_handeye2", or "launch": a launch file of ROS 2 with a static_transform_publisher, as MoveIt's hand-eye
                 calibration saves one.
-            hand, camera, base: names of the frames, as for `save`.
+            hand: name of the frame whose pose the servo was given.
+            camera: name of the camera's optical frame.
+            base: name of the frame in which the hand's pose was.
 
         Raises:
             InputError: another kind, or it cannot be written.
