@@ -45,7 +45,7 @@ def test_a_part_that_stays_is_closed_on_once_and_nothing_is_said_of_an_empty_han
 def test_empty_grasps_are_noticed_by_either_arm(name: str, arm: str) -> None:
     row, _ = run_trial(Case(SHAPES[name](), 11, "pulled", arm, pictures=False))  # type: ignore[arg-type]
     assert row.noticed is True
-    if row.tries == 1 and "tilt" in row.reason:  # it looked anew from near, where no view tells the tilt: it does not close
+    if row.tries == 1 and "tilt" in row.reason:  # looked at anew from near, where no view tells the tilt
         pytest.xfail(row.reason)
     assert (row.outcome, row.tries) == ("lifted", 2), row.reason
 
