@@ -21,7 +21,7 @@ IMAGES = 3
 """Images in which it has to stand still."""
 SPAN = 1.0
 """s back to which images are compared."""
-STILL = 1.5
+STILL = 2.0
 """Standard deviations rms within which two sightings are of the same place."""
 
 
