@@ -27,7 +27,7 @@ RAISED = 0.004
 LATENESS: Floats = np.arange(-0.06, 0.331, 0.03)
 FINER = 0.01
 """s by which images may be older than was told: first in steps that no move lasts, then finer about the best."""
-UNNOTICED = 0.004
+UNNOTICED = 0.012
 """s of lateness that are not corrected: the moves do not show them better."""
 
 
@@ -73,7 +73,8 @@ def find_lateness(
     best = min(costs, key=costs.__getitem__)
     for late in (best - FINER, best + FINER):
         costs.setdefault(late, cost(late))
-    if told - costs[best] < CLEARLY or abs(best) < UNNOTICED:
+    # a hand that leans fits the linear model badly at any delay: lateness is believed only where it explains the misfit
+    if told - costs[best] < CLEARLY or told < 4.0 * costs[best] or abs(best) < UNNOTICED:
         return 0.0
     before, at, after = costs[best - FINER], costs[best], costs[best + FINER]
     return float(best + 0.5 * FINER * (before - after) / max(before - 2.0 * at + after, 1e-9))  # of the parabola
