@@ -22,7 +22,7 @@ from grasptrack.bench.physics.gripper import Gripper, make_gripper
 from grasptrack.bench.physics.setting import Setting
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.bench.simulation.render import subdivide_polygon
-from grasptrack.errors import GraspTrackError
+from grasptrack.errors import ConditioningError, GraspTrackError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.hand import Hand
 from grasptrack.matching import Sampled, match_outlines
@@ -219,7 +219,10 @@ def run_trial(case: Case, watch: Watch | None = None) -> tuple[Row, bytes]:
         return row, b""
     from grasptrack.bench.approach.pictures import render_final_png
 
-    return row, render_final_png(world, run.step, row, run.seen, run.missed)
+    try:
+        return row, render_final_png(world, run.step, row, run.seen, run.missed)
+    except ConditioningError:  # the hand has come so near that a part of the scene is behind its camera
+        return row, b""
 
 
 def _run_approach(run: _Run) -> None:
