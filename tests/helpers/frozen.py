@@ -4,7 +4,7 @@
     python tests/helpers/frozen.py            tells what differs from `tests/frozen`
     python tests/helpers/frozen.py --write    keeps what is found, for a change that means to change it
 
-grasps.csv is compared to the byte, but for latency, where the versions and the processor are those that wrote it; elsewhere by the
+grasps.csv is compared to the byte, but for latency, where versions and processor are those that wrote it; elsewhere by the
 status of each frame and its contacts, within `TOLERANCE` px.
 """
 
