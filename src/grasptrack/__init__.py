@@ -10,7 +10,6 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from grasptrack._aliases import install as _install
 from grasptrack.presentation import draw_by as _draw_by
 
 if TYPE_CHECKING:
@@ -65,7 +64,6 @@ if TYPE_CHECKING:
 
     __version__: str
 
-_install()
 
 
 def _png_of(result: object) -> bytes:
