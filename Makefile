@@ -60,7 +60,8 @@ $(VENV)/.package: $(VENV)/.venv pyproject.toml $(NATIVE)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable . || $(call failed,--editable .)
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.package
+$(VENV)/.dev: $(VENV)/.package bench/pyproject.toml
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ./bench || $(call failed,--editable ./bench)
 	$(call requirements,dev) \
 	  > $(VENV)/dev.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement $(VENV)/dev.txt || \

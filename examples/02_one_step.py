@@ -2,10 +2,10 @@
 """One step on plain outlines, without images: choose a grasp, transfer it to another view, analyse it."""
 
 import numpy as np
+from grasptrack.bench.simulation import SHAPES, Camera, tilting_path
 from numpy.typing import NDArray
 
 import grasptrack as gt
-from grasptrack.bench.simulation import SHAPES, Camera, tilting_path
 from grasptrack.geometry.homographies import apply_homography
 
 # Two views of a bracket: frontal, and a few frames later from nearer and slightly tilted.

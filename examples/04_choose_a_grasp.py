@@ -6,8 +6,9 @@ Replace `still_life()` with `cv2.imread("photo.jpg")` for your own image; `find_
 
 from pathlib import Path
 
-import grasptrack as gt
 from grasptrack.bench.simulation import still_life
+
+import grasptrack as gt
 from grasptrack.segmentation.first_look import find_objects
 from grasptrack.view.grasps import Planned, write_grasps
 

@@ -11,6 +11,7 @@ import pytest
 
 FOLDERS = ("helpers", "oracle", "laws", "scenarios", "slow", "fuzz")
 sys.path[:0] = [str(Path(__file__).parent / name) for name in FOLDERS]
+sys.path.append(str(Path(__file__).parents[1]))  # of research
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What other packages add by entry points: strategies, segmenters and methods, each found by its name.
+"""What other packages add by entry points: strategies, segmenters, methods and verbs, each found by its name.
 
 A package names them in its own `pyproject.toml`, and nothing here has to be touched:
 
@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from grasptrack.errors import InputError
 
-Group = Literal["grasptrack.strategies", "grasptrack.segmenters", "grasptrack.methods"]
+Group = Literal["grasptrack.strategies", "grasptrack.segmenters", "grasptrack.methods", "grasptrack.verbs"]
 
 
 def plugin_names(group: Group) -> tuple[str, ...]:

@@ -28,16 +28,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.bench.metrics.score import FrameScore
-from grasptrack.bench.real import RealCase, Truths, read_scenes, videos_of
-from grasptrack.bench.records import read_homographies, read_records, write_homographies, write_records
-from grasptrack.bench.run_folder import read_run
 from grasptrack.cli.main import main as command_line
 from grasptrack.errors import InputError
 from grasptrack.io.base import Frame
 from grasptrack.io.recording import open_recording
 from grasptrack.io.video import VideoWriter
 from grasptrack.tracking.result import TrackResult
+from grasptrack_bench.metrics.score import FrameScore
+from grasptrack_bench.real import RealCase, Truths, read_scenes, videos_of
+from grasptrack_bench.records import read_homographies, read_records, write_homographies, write_records
+from grasptrack_bench.run_folder import read_run
 
 IMAGES = (".png", ".jpg", ".bmp", ".tif", ".pgm")
 VIDEOS = (".mp4", ".avi", ".mkv")

@@ -27,14 +27,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.bench.simulation import demo_scene
-from grasptrack.bench.studies.live_page import CLIENT, Played
-from grasptrack.bench.studies.loop import resident_mb
 from grasptrack.live import commands as told
 from grasptrack.live.server import PageServer
 from grasptrack.live.session import LiveSession
 from grasptrack.live.settings import Settings
+from grasptrack_bench.simulation import demo_scene
 from long_run import growth_of
+from research.studies.live_page import CLIENT, Played
+from research.studies.loop import resident_mb
 
 FRAMES = 60
 PATIENCE = 60.0

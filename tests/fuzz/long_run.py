@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from grasptrack import GraspTracker
-from grasptrack.bench.demo import demo_scene
-from grasptrack.bench.studies.loop import resident_mb
 from grasptrack.errors import InputError
+from grasptrack_bench.demo import demo_scene
+from research.studies.loop import resident_mb
 
 FRAMES = 60
 SAMPLES = 40

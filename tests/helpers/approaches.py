@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
-from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import outline_extent
+from grasptrack_bench.simulation import SHAPES, Camera, Conditions, Path, Scene
 
 WIDTH = 640.0
 FRAMES = 14

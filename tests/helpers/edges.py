@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from grasptrack.bench.simulation import Renderer, Scene, Texture
+from grasptrack_bench.simulation import Renderer, Scene, Texture
 
 REACH, STEPS = 6.0, 121
 

@@ -30,8 +30,8 @@ import numpy as np
 
 import grasptrack as gt
 from datasets import DATA
-from grasptrack.bench.scenes import built_in, make_scene_cases
 from grasptrack.io.results import GraspsCsv
+from grasptrack_bench.scenes import built_in, make_scene_cases
 
 FROZEN = Path(__file__).resolve().parents[1] / "frozen"
 STRATEGIES = ("auto", "rrp", "grasp-line", "homography")
@@ -46,7 +46,7 @@ TOLERANCE = 0.05
 """px by which processors and versions of OpenCV may differ."""
 VERBS = (
     "", "track", "live", "demo", "synthesize", "inspect", "transfer", "servo", "evaluate", "evaluate scenes",
-    "evaluate real", "evaluate paper", "compare", "cameras", "models", "doctor",
+    "evaluate real", "compare", "cameras", "models", "doctor",
 )  # fmt: skip
 
 Rows = list[list[str]]

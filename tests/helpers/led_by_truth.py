@@ -8,11 +8,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from grasptrack.bench.physics import frames
-from grasptrack.bench.physics.world import World
 from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.servo.camera import rotation_vector
 from grasptrack.typing import Floats
+from grasptrack_bench.physics import frames
+from grasptrack_bench.physics.world import World
 
 ABOVE = 0.05
 """m above the part at which the hand aligns before it goes down."""

@@ -20,10 +20,10 @@ import cv2
 import numpy as np
 
 from grasptrack import GraspTracker
-from grasptrack.bench import suites
-from grasptrack.bench.demo import demo_scene
-from grasptrack.bench.records import write_records
 from grasptrack.cli.main import main
+from grasptrack_bench import suites
+from grasptrack_bench.demo import demo_scene
+from grasptrack_bench.records import write_records
 
 FRAMES = 12
 

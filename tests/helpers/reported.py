@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from grasptrack.bench.metrics.score import FrameScore
-from grasptrack.bench.records import read_records, write_records
-from grasptrack.bench.run_folder import CASES, FORMAT, INDEX, Case
 from grasptrack.io.results import write_json
+from grasptrack_bench.metrics.score import FrameScore
+from grasptrack_bench.records import read_records, write_records
+from grasptrack_bench.run_folder import CASES, FORMAT, INDEX, Case
 
 SHAPES = ("bracket", "blob", "disc", "spanner", "gasket")
 DISTURBANCES = {"clean": "motion", "bar": "hidden", "away": "hidden"}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from grasptrack.bench.metrics.score import FrameScore
+from grasptrack_bench.metrics.score import FrameScore
 from scores import random_run
 
 

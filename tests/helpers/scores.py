@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from grasptrack.bench.metrics.score import FrameScore
+from grasptrack_bench.metrics.score import FrameScore
 
 
 def frame(

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack import GraspTracker
-from grasptrack.bench.simulation import SHAPES, Renderer, Shape, Texture, brushed_texture, plain_texture, wood_texture
-from grasptrack.bench.simulation.outlines import polygon_moments
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import TrackResult
+from grasptrack_bench.simulation import SHAPES, Renderer, Shape, Texture, brushed_texture, plain_texture, wood_texture
+from grasptrack_bench.simulation.outlines import polygon_moments
 
 Colour = tuple[float, float, float]
 WIDTH, HEIGHT = 320, 240

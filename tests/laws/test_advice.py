@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench.studies.reason_pictures import SHOWN, STAGED, first_frame_with
 from grasptrack.cli.advice import MANY, MOST, REMEDIES, advice_for
 from grasptrack.tracking.messages import SENTENCES
+from research.studies.reason_pictures import SHOWN, STAGED, first_frame_with
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "troubleshooting.md"
 

@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from grasptrack.bench.approach.choosing import closing_grasps, hand_for
-from grasptrack.bench.approach.trial import KNOWN
-from grasptrack.bench.physics.gripper import BESIDE, MAX_OPENING
-from grasptrack.bench.simulation import SHAPES
-from grasptrack.bench.simulation.render import subdivide_polygon
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
+from grasptrack_bench.approach.choosing import closing_grasps, hand_for
+from grasptrack_bench.approach.trial import KNOWN
+from grasptrack_bench.physics.gripper import BESIDE, MAX_OPENING
+from grasptrack_bench.simulation import SHAPES
+from grasptrack_bench.simulation.render import subdivide_polygon
 
 SCALE = 150.0
 

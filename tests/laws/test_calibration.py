@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grasptrack.bench.simulation.camera import Camera as Rendered
 from grasptrack.errors import InputError
 from grasptrack.geometry.cameras import Camera
 from grasptrack.io.calibration import LARGEST, read_camera, read_yaml
+from grasptrack_bench.simulation.camera import Camera as Rendered
 
 K = [[700.1, 0.0, 319.5], [0.0, 702.0, 239.5], [0.0, 0.0, 1.0]]
 D = [-0.1, 0.02, 0.001, -0.002, 0.0]

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from grasptrack import kernels
-from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import ConditioningError, GraspError, InputError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, homography_jacobian
@@ -23,6 +22,7 @@ from grasptrack.grasp.contact_regions import Regions, epsilon_quality, regions_o
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze, closes_after, closes_at
 from grasptrack.grasp.synthesis import synthesize
+from grasptrack_bench.simulation import SHAPES
 
 SIZE, FRICTION = 175.0, 0.5
 TILTED = np.array([[0.9, 0.2, 10.0], [-0.15, 1.1, 5.0], [3e-4, -2e-4, 1.0]])

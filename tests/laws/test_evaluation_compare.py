@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.bench.metrics.paired import Unit, measures_of, units_of
-from grasptrack.bench.metrics.score import FrameScore
-from grasptrack.bench.metrics.summary import ALL, summarise_run
-from grasptrack.bench.report.comparison import Comparison, compare_runs
-from grasptrack.bench.report.comparison_page import comparison_lines
-from grasptrack.bench.run_folder import read_run
 from grasptrack.errors import InputError
 from grasptrack.statistics import bootstrap_counts, critical_value
+from grasptrack_bench.metrics.paired import Unit, measures_of, units_of
+from grasptrack_bench.metrics.score import FrameScore
+from grasptrack_bench.metrics.summary import ALL, summarise_run
+from grasptrack_bench.report.comparison import Comparison, compare_runs
+from grasptrack_bench.report.comparison_page import comparison_lines
+from grasptrack_bench.run_folder import read_run
 from reported import METHODS, SHAPES, changed, lost, made_up, real, scenes
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench.metrics.errors import (
+from grasptrack_bench.metrics.errors import (
     contact_distances,
     error_measure,
     reference_error,

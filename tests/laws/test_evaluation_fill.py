@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 import scheduled
-from grasptrack.bench import run_folder as module
-from grasptrack.bench.run_folder import Filled, Job, case_file, fill_run_folder
-from grasptrack.bench.schedule import create_scheduler
 from grasptrack.errors import InputError
+from grasptrack_bench import run_folder as module
+from grasptrack_bench.run_folder import Filled, Job, case_file, fill_run_folder
+from grasptrack_bench.schedule import create_scheduler
 
 
 def jobs(folder: Path, count: int = 6) -> list[Job]:

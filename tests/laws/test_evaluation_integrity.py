@@ -12,18 +12,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench.metrics.integrity import (
+from grasptrack.errors import InputError
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.tracking.result import TrackResult
+from grasptrack_bench.metrics.integrity import (
     compute_measures,
     cumulative_share,
     recovery_delays,
     risk_coverage,
     upper_bound,
 )
-from grasptrack.bench.metrics.score import FrameScore, Score, Truth
-from grasptrack.bench.records import read_records, write_records
-from grasptrack.errors import InputError
-from grasptrack.geometry.homographies import apply_homography
-from grasptrack.tracking.result import TrackResult
+from grasptrack_bench.metrics.score import FrameScore, Score, Truth
+from grasptrack_bench.records import read_records, write_records
 from reported import made_up
 from scores import frame, random_run
 

@@ -9,13 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grasptrack.bench.metrics.errors import ErrorMeasure
-from grasptrack.bench.paper import footage as footages
-from grasptrack.bench.paper import printed
-from grasptrack.bench.paper.correspondences import Correspondences, find_correspondences, table_five
-from grasptrack.bench.paper.descriptions import relative_text, table_four, table_three
-from grasptrack.bench.paper.error_tables import table_seven, table_six
-from grasptrack.bench.paper.footage import (
+from grasptrack.geometry.contours import View
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.kernels.reference.homography import homography_4
+from grasptrack.transfer import STRATEGIES, grasp_line, transfer
+from grasptrack_bench.metrics.errors import ErrorMeasure
+from research.paper import footage as footages
+from research.paper import printed
+from research.paper.correspondences import Correspondences, find_correspondences, table_five
+from research.paper.descriptions import relative_text, table_four, table_three
+from research.paper.error_tables import table_seven, table_six
+from research.paper.footage import (
     APPROACH,
     MOTIONS,
     OBJECTS,
@@ -25,11 +29,7 @@ from grasptrack.bench.paper.footage import (
     make_part,
     path_homographies,
 )
-from grasptrack.bench.paper.transfers import COMPARED, transfer_and_measure, transfer_and_return, ways_of
-from grasptrack.geometry.contours import View
-from grasptrack.grasp.contacts import Grasp
-from grasptrack.kernels.reference.homography import homography_4
-from grasptrack.transfer import STRATEGIES, grasp_line, transfer
+from research.paper.transfers import COMPARED, transfer_and_measure, transfer_and_return, ways_of
 
 FRAMES = 8
 LITTLE = 0.3

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.bench.metrics.score import Score, Truth, accept_limit
-from grasptrack.bench.records import read_homographies, write_homographies
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import Status, TrackResult
+from grasptrack_bench.metrics.score import Score, Truth, accept_limit
+from grasptrack_bench.records import read_homographies, write_homographies
 
 CONTACTS = np.array([[100.0, 100.0], [180.0, 120.0]])
 MOVE = np.array([[1.01, -0.02, 6.0], [0.03, 0.98, -4.0], [1e-5, -2e-5, 1.0]])

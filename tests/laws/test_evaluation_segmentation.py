@@ -12,16 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.path import Path as Polygon
 
-from grasptrack.bench.metrics.mask_agreement import (
+from grasptrack.geometry.contours import Contour, View
+from grasptrack_bench.metrics.mask_agreement import (
     band_iou,
     boundary_f,
     intersection_over_union,
     mask_boundary,
     mask_of,
 )
-from grasptrack.bench.simulation.render import pixel_coverage
-from grasptrack.bench.studies.segmentation import METHODS, largest_outline
-from grasptrack.geometry.contours import Contour, View
+from grasptrack_bench.simulation.render import pixel_coverage
+from research.studies.segmentation import METHODS, largest_outline
 
 SHAPE = (120, 160)
 Y, X = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]

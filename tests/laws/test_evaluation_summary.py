@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.bench.metrics.integrity import Measures, compute_measures, risk_coverage
-from grasptrack.bench.metrics.summary import (
+from grasptrack.errors import InputError
+from grasptrack_bench.metrics.integrity import Measures, compute_measures, risk_coverage
+from grasptrack_bench.metrics.summary import (
     ALL,
     APART,
     PER_CASE,
@@ -22,9 +23,8 @@ from grasptrack.bench.metrics.summary import (
     worst_frames,
     write_summary,
 )
-from grasptrack.bench.records import write_records
-from grasptrack.bench.run_folder import CASES, Case, read_run
-from grasptrack.errors import InputError
+from grasptrack_bench.records import write_records
+from grasptrack_bench.run_folder import CASES, Case, read_run
 from reported import DISTURBANCES, METHODS, SHAPES, lost, made_up, real, scenes, write_index
 
 

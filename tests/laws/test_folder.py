@@ -48,7 +48,6 @@ def held_elsewhere(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         ["servo", "--trials", "1"],
         ["servo"],
         ["evaluate", "scenes", "--frames", "4"],
-        ["evaluate", "paper", "--frames", "4"],
     ],
     ids=" ".join,
 )

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench.simulation import DISTURBANCES, SHAPES
 from grasptrack.kernels.reference.registration.system import beyond_noise
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
+from grasptrack_bench.simulation import DISTURBANCES, SHAPES
 from posed import FEW, SEEDS
 
 N = 300

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack import kernels
-from grasptrack.bench.simulation import SHAPES, Camera, Path, Shape
-from grasptrack.bench.simulation.lookalikes import mirrored_shape
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.matching import Sampled, find_symmetries, judge_hypotheses, match_outlines
 from grasptrack.matching.rating import fits_alike
+from grasptrack_bench.simulation import SHAPES, Camera, Path, Shape
+from grasptrack_bench.simulation.lookalikes import mirrored_shape
 from outlines import BRACKET, dense, similarities, stars
 
 CAMERA = Camera(640, 480, focal=320.0 / math.tan(math.radians(30.0)))

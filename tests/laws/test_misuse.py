@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import grasptrack as gt
-from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import GraspTrackError, InputError
+from grasptrack_bench.simulation import SHAPES
 from stages import photo, pose
 
 IMAGE = photo([(SHAPES["bracket"](), pose())])

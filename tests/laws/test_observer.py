@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from grasptrack.bench.simulation import SHAPES, Conditions, Scene, similarity_path
 from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.outline_detector import OutlineDetector
+from grasptrack_bench.simulation import SHAPES, Conditions, Scene, similarity_path
 
 
 def test_levels_are_those_of_an_outline_of_the_image_at_hand() -> None:

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench.paper.claims import CLAIMS, CLAIMS_OF_TIME, HEAD, TOO_SHORT, table_of_claims, table_of_verdicts
-from grasptrack.bench.paper.documents import KEPT, read_table
-from grasptrack.bench.paper.evidence import (
+from grasptrack_bench.report.table import Table
+from research.paper.claims import CLAIMS, CLAIMS_OF_TIME, HEAD, TOO_SHORT, table_of_claims, table_of_verdicts
+from research.paper.documents import KEPT, read_table
+from research.paper.evidence import (
     VERDICTS,
     Evidence,
     MissingEvidenceError,
@@ -20,8 +21,7 @@ from grasptrack.bench.paper.evidence import (
     plain,
     px,
 )
-from grasptrack.bench.paper.printed import TABLE_VII
-from grasptrack.bench.report.table import Table
+from research.paper.printed import TABLE_VII
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 BY_CONSTRUCTION = {"Transferred contacts are sure to lie on the outline"}
@@ -114,7 +114,7 @@ def test_claims_are_told_once_and_say_where_they_come_from():
     assert len({c.says for c in every}) == len(every) >= 35
     for claim in every:
         assert re.match(r"^(I|II|III|IV|V|VI)\b", claim.section)
-        assert claim.command == "-" or claim.command.startswith("grasptrack ")
+        assert claim.command == "-" or claim.command.startswith(("grasptrack ", "python -m research."))
 
 
 def test_cells_are_found_by_what_stands_beside_them():

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from grasptrack.bench.paper.clipping import CLIPPED, clip_polygon, clipped_footage
-from grasptrack.bench.paper.footage import OBJECTS, make_part
-from grasptrack.bench.paper.transfers import transfer_and_measure
 from grasptrack.geometry.contours import Contour
 from grasptrack.grasp.contacts import Grasp
+from research.paper.clipping import CLIPPED, clip_polygon, clipped_footage
+from research.paper.footage import OBJECTS, make_part
+from research.paper.transfers import transfer_and_measure
 
 SOME = settings(max_examples=15, deadline=None)
 

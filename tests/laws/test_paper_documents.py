@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from grasptrack.bench.paper.ablation import VARIANTS
-from grasptrack.bench.paper.documents import KEPT, fill_page, main, markdown_of, read_table
-from grasptrack.bench.paper.error_tables import table_seven
-from grasptrack.bench.paper.footage import FRAMES, OBJECTS, ideal_footage, make_part, middle_frame
-from grasptrack.bench.paper.sensitivity import CONSTANTS, FACTORS, changed
-from grasptrack.bench.paper.transfers import COMPARED, transfer_and_measure, ways_of
 from grasptrack.errors import InputError
 from grasptrack.transfer import homography
+from research.paper.ablation import VARIANTS
+from research.paper.documents import KEPT, fill_page, main, markdown_of, read_table
+from research.paper.error_tables import table_seven
+from research.paper.footage import FRAMES, OBJECTS, ideal_footage, make_part, middle_frame
+from research.paper.sensitivity import CONSTANTS, FACTORS, changed
+from research.paper.transfers import COMPARED, transfer_and_measure, ways_of
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 HEAD = ("way", "who", "a, px", "n")
@@ -81,9 +81,7 @@ def test_every_page_is_filled_with_the_kept_run():
         text = page.read_text(encoding="utf-8")
         assert text.count("<!-- table ") == text.count("<!-- end of table -->")
         assert text.count("<!-- cell ") == text.count("<!-- end of cell -->")
-        assert fill_page(text, DOCS / KEPT) == text, (
-            f"{page.name}: not what python -m grasptrack.bench.paper.documents writes"
-        )
+        assert fill_page(text, DOCS / KEPT) == text, f"{page.name}: not what python -m research.paper.documents writes"
 
 
 def test_the_script_keeps_the_tables_and_fills_the_pages(folder, tmp_path, monkeypatch, capsys):

@@ -9,20 +9,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack import kernels
-from grasptrack.bench.paper.footage import OBJECTS, ideal_footage, make_part, moved_curves, sample_view
-from grasptrack.bench.paper.literal import (
+from grasptrack.errors import GraspTrackError, PeaksError, StrategyError
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.transfer import grasp_line, rrp
+from grasptrack.transfer.homography import NEIGHBOURHOOD, SEARCH, SMOOTHING
+from grasptrack_bench.baselines.literal import (
     PAPER,
     LiteralGraspLine,
     LiteralHomography,
     LiteralRRP,
     match_by_samples,
 )
-from grasptrack.bench.simulation import SHAPES
-from grasptrack.errors import GraspTrackError, PeaksError, StrategyError
-from grasptrack.geometry.homographies import apply_homography, similarity_transform
-from grasptrack.grasp.contacts import Grasp
-from grasptrack.transfer import grasp_line, rrp
-from grasptrack.transfer.homography import NEIGHBOURHOOD, SEARCH, SMOOTHING
+from grasptrack_bench.simulation import SHAPES
+from research.paper.footage import OBJECTS, ideal_footage, make_part, moved_curves, sample_view
 
 SOME = settings(max_examples=25, deadline=None)
 objects = st.sampled_from(OBJECTS)
@@ -181,6 +181,6 @@ def test_the_refinement_ends_on_the_outline(name, seed, turn):
 
 
 def test_the_names_are_those_of_the_methods():
-    from grasptrack.bench.baselines import PEERS
+    from grasptrack_bench.baselines import PEERS
 
     assert set(PAPER) == {name for name in PEERS if name.startswith("paper-")}

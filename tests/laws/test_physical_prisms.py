@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from grasptrack.bench.physics.part import convex_pieces, extrude_body
-from grasptrack.bench.simulation import SHAPES
-from grasptrack.bench.simulation.outlines import polygon_moments
 from grasptrack.errors import ContourError
 from grasptrack.typing import Floats
+from grasptrack_bench.physics.part import convex_pieces, extrude_body
+from grasptrack_bench.simulation import SHAPES
+from grasptrack_bench.simulation.outlines import polygon_moments
 
 
 def area(polygons: list[Floats] | tuple[Floats, ...]) -> float:

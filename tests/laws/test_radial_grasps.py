@@ -10,17 +10,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grasptrack.bench.approach.choosing import EVEN, FRICTION, closing_grasps, hand_for, turn_between, width_in_m
-from grasptrack.bench.approach.truth import triples_that_close
-from grasptrack.bench.physics.gripper import MAX_OPENING, make_gripper
-from grasptrack.bench.simulation import SHAPES
-from grasptrack.bench.simulation.outlines import Shape
-from grasptrack.bench.simulation.render import subdivide_polygon
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
 from grasptrack.servo import Goal
+from grasptrack_bench.approach.choosing import EVEN, FRICTION, closing_grasps, hand_for, turn_between, width_in_m
+from grasptrack_bench.approach.truth import triples_that_close
+from grasptrack_bench.physics.gripper import MAX_OPENING, make_gripper
+from grasptrack_bench.simulation import SHAPES
+from grasptrack_bench.simulation.outlines import Shape
+from grasptrack_bench.simulation.render import subdivide_polygon
 
 SIZE, SCALE = 0.064, 150.0
 

@@ -13,15 +13,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench.metrics.integrity import out_of_view, over_time, precision_curve, recovery_curve
-from grasptrack.bench.report.pages import cell_of
-from grasptrack.bench.report.paper_page import paper_report
-from grasptrack.bench.report.table import Table
 from grasptrack.view.report import DASH, Axis, Chart, format_number, format_percent, series_palette
 from grasptrack.view.report.answer import TRUE_RGB, WRONG_RGB, draw_answer
 from grasptrack.view.report.chart import linear_ticks, log_range
 from grasptrack.view.report.markup import format_fixed
+from grasptrack_bench.metrics.integrity import out_of_view, over_time, precision_curve, recovery_curve
+from grasptrack_bench.report.pages import cell_of
+from grasptrack_bench.report.table import Table
 from reported import made_up
+from research.paper.page import paper_report
 
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)
 SIZES = st.floats(1e-6, 1e6)

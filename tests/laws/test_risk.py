@@ -19,10 +19,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench.approach import choosing
-from grasptrack.bench.approach.trial import Looking
-from grasptrack.bench.demo import run_demo
-from grasptrack.bench.simulation import SHAPES
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
 from grasptrack.trackability import inspect
@@ -32,6 +28,10 @@ from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, OWN, check_risk, 
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.transfer import STRATEGIES
+from grasptrack_bench.approach import choosing
+from grasptrack_bench.approach.trial import Looking
+from grasptrack_bench.demo import run_demo
+from grasptrack_bench.simulation import SHAPES
 from stages import HEIGHT, WIDTH, bar, mirrored, photo, pose
 
 BRACKET, DISC = SHAPES["bracket"](), SHAPES["disc"]()

@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 import scheduled
-from grasptrack.bench import schedule
-from grasptrack.bench.schedule import ATTEMPTS, create_scheduler
 from grasptrack.errors import InputError
+from grasptrack_bench import schedule
+from grasptrack_bench.schedule import ATTEMPTS, create_scheduler
 
 
 def test_all_tasks_are_done_in_any_order_and_one_that_fails_keeps_none_from_its_result() -> None:
@@ -53,7 +53,7 @@ def is_running(process: int) -> bool:
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
 def test_workers_end_with_whoever_asked_even_where_that_is_killed(tmp_path: Path) -> None:
-    code = f"import sys; sys.path[:0] = {sys.path!r}; import scheduled; from grasptrack.bench.schedule import *; "
+    code = f"import sys; sys.path[:0] = {sys.path!r}; import scheduled; from grasptrack_bench.schedule import *; "
     code += f"list(create_scheduler(workers=1)(scheduled.gated_square, [(3, {str(tmp_path)!r})]))"
     with subprocess.Popen([sys.executable, "-c", code]) as asker:
         mark = scheduled.wait_for(tmp_path, "3-*")
@@ -122,7 +122,7 @@ def test_a_cluster_that_loses_a_worker_still_does_every_task(tmp_path: Path) -> 
 
 def test_no_scheduler_at_the_address_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-    monkeypatch.setattr("grasptrack.bench.schedule.TIMEOUT_S", 1)
+    monkeypatch.setattr("grasptrack_bench.schedule.TIMEOUT_S", 1)
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         list(create_scheduler("tcp://127.0.0.1:1")(scheduled.square, [1]))
 

@@ -12,17 +12,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from grasptrack.bench.physics import frames, model, serial
-from grasptrack.bench.physics.gripper import make_gripper
-from grasptrack.bench.physics.serial import LENGTH, NEAR, joint_rates
-from grasptrack.bench.physics.setting import SCENARIOS, sample_setting
-from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.typing import Floats
+from grasptrack_bench.physics import frames, model, serial
+from grasptrack_bench.physics.gripper import make_gripper
+from grasptrack_bench.physics.serial import LENGTH, NEAR, joint_rates
+from grasptrack_bench.physics.setting import SCENARIOS, sample_setting
+from grasptrack_bench.simulation import SHAPES
 
 if TYPE_CHECKING:
-    from grasptrack.bench.physics import World
+    from grasptrack_bench.physics import World
 
 anywhere = st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).map(lambda shares: math.pi * np.array(shares))
 within = st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6).map(
@@ -140,7 +140,7 @@ def addresses(world: World, kind: str) -> list[int]:
 def test_the_model_is_the_kinematics_and_the_hand_starts_where_the_setting_says() -> None:
     import mujoco
 
-    from grasptrack.bench.physics import World
+    from grasptrack_bench.physics import World
 
     world = World(SHAPES["disc"](), seed=3, arm="arm", images="planar")
     assert world.pose() == pytest.approx(world.setting.hand, abs=1e-9)
@@ -161,7 +161,7 @@ def test_the_model_is_the_kinematics_and_the_hand_starts_where_the_setting_says(
 @needs_mujoco
 @pytest.mark.parametrize("twist", [[0.05, 0.02, 0.03, 0.1, -0.2, 0.3], [0.0, -0.1, 0.0, 0.0, 0.0, 0.5]])
 def test_the_hand_makes_the_twist_that_it_is_told(twist: list[float]) -> None:
-    from grasptrack.bench.physics import World
+    from grasptrack_bench.physics import World
 
     world = World(SHAPES["disc"](), seed=2, arm="arm", images="planar")
     for _ in range(5):
@@ -182,7 +182,7 @@ def test_the_hand_makes_the_twist_that_it_is_told(twist: list[float]) -> None:
 @needs_mujoco
 @pytest.mark.parametrize("seed", range(4))
 def test_no_limit_is_exceeded_whatever_is_asked_for(seed: int) -> None:
-    from grasptrack.bench.physics import World
+    from grasptrack_bench.physics import World
 
     rng = np.random.default_rng(seed)
     world = World(SHAPES["disc"](), seed=seed, arm="arm", images="planar")
@@ -205,7 +205,7 @@ def test_no_limit_is_exceeded_whatever_is_asked_for(seed: int) -> None:
 
 @needs_mujoco
 def test_an_arm_at_the_end_of_its_reach_stands_there_and_says_so() -> None:
-    from grasptrack.bench.physics import World
+    from grasptrack_bench.physics import World
 
     world = World(SHAPES["disc"](), seed=1, arm="arm", images="planar")
     away = model.base_pose(world.setting)[:3, 0]
@@ -227,7 +227,7 @@ def test_an_arm_at_the_end_of_its_reach_stands_there_and_says_so() -> None:
 @pytest.mark.parametrize("scenario", ["static", "belt"])
 def test_the_cameras_view_is_free_of_the_arm(scenario: str) -> None:
     """Every point of every link is behind the camera or beside its image, from the start to the part and back up."""
-    from grasptrack.bench.physics import World
+    from grasptrack_bench.physics import World
 
     around = np.array([[math.cos(a), math.sin(a)] for a in np.linspace(0.0, 2.0 * math.pi, 12, endpoint=False)])
     for seed in range(8):

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from edges import plane_to_image
-from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, is_applicable
-from grasptrack.bench.simulation.outlines import polygon_moments
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack_bench.simulation import DISTURBANCES, SHAPES, Scene, is_applicable
+from grasptrack_bench.simulation.outlines import polygon_moments
 
 NAMES = list(DISTURBANCES)
 PARTS = ("gasket", "bean", "spanner")
@@ -200,7 +200,7 @@ def test_light_jumps_and_parts_are_lighter_or_darker_than_tables() -> None:
 
 
 def test_a_surface_and_a_table_of_ones_own_and_colours() -> None:
-    from grasptrack.bench.simulation import Texture
+    from grasptrack_bench.simulation import Texture
 
     red = Texture(np.full((8, 8, 3), (20, 20, 220), np.uint8), 2.0)
     green = Texture(np.full((8, 8, 3), (20, 180, 20), np.uint8), 2.0)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from edges import flat, offsets, plane_to_image
-from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, Shape, near_twin, shape_from_mask
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack_bench.simulation import DISTURBANCES, SHAPES, Scene, Shape, near_twin, shape_from_mask
 
 PART, TABLE = 60, 180
 LIMIT = 0.01

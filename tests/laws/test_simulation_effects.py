@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from edges import bilinear, flat, offsets, plane_to_image, renderer
-from grasptrack.bench.simulation import (
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack_bench.simulation import (
     DISTURBANCES,
     SHAPES,
     Camera,
@@ -24,11 +25,10 @@ from grasptrack.bench.simulation import (
     Texture,
     tilting_path,
 )
-from grasptrack.bench.simulation.camera import RollingShutter
-from grasptrack.bench.simulation.lookalikes import Room
-from grasptrack.bench.simulation.occluders import Drifting
-from grasptrack.bench.simulation.outlines import inside_polygons
-from grasptrack.geometry.homographies import apply_homography
+from grasptrack_bench.simulation.camera import RollingShutter
+from grasptrack_bench.simulation.lookalikes import Room
+from grasptrack_bench.simulation.occluders import Drifting
+from grasptrack_bench.simulation.outlines import inside_polygons
 
 SMALL = (320, 240)
 SEEDS = range(4)

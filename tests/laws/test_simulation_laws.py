@@ -13,7 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edges import bilinear, flat, plane_to_image, renderer
-from grasptrack.bench.simulation import (
+from grasptrack.errors import InputError
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack_bench.simulation import (
     SHAPES,
     Bar,
     Camera,
@@ -29,11 +31,9 @@ from grasptrack.bench.simulation import (
     stone_texture,
     tilting_path,
 )
-from grasptrack.bench.simulation.conditions import pooled_noise
-from grasptrack.bench.simulation.lookalikes import best_fit
-from grasptrack.bench.simulation.render import pixel_coverage, subdivide_polygon
-from grasptrack.errors import InputError
-from grasptrack.geometry.homographies import apply_homography
+from grasptrack_bench.simulation.conditions import pooled_noise
+from grasptrack_bench.simulation.lookalikes import best_fit
+from grasptrack_bench.simulation.render import pixel_coverage, subdivide_polygon
 
 WIDTH, HEIGHT = 320, 240
 
@@ -245,7 +245,7 @@ def crossings(polygon: np.ndarray, x: float, y: float) -> bool:
 
 
 def test_visibility_is_that_of_brute_force() -> None:
-    from grasptrack.bench.simulation import DISTURBANCES
+    from grasptrack_bench.simulation import DISTURBANCES
 
     bar = Bar(start=0, end=9, width=0.25, angle=0.3)
     hand = DISTURBANCES["hand"].scene(SHAPES["gasket"](), 20, 3).covers[0]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from edges import bilinear
-from grasptrack.bench.simulation import SHAPES, Bar, Camera, Conditions, Scene, demo_scene, plain_texture, tilting_path
-from grasptrack.bench.simulation.outlines import inside_polygons, polygon_moments
-from grasptrack.bench.simulation.render import inside_mask, pixel_coverage
+from grasptrack_bench.simulation import SHAPES, Bar, Camera, Conditions, Scene, demo_scene, plain_texture, tilting_path
+from grasptrack_bench.simulation.outlines import inside_polygons, polygon_moments
+from grasptrack_bench.simulation.render import inside_mask, pixel_coverage
 
 WIDTH, HEIGHT, SIGMA = 320, 240, 0.7
 
@@ -147,9 +147,9 @@ def test_the_demonstration_keeps_the_whole_outline_in_view() -> None:
 
 
 def test_the_parts_of_a_still_life_lie_apart_and_are_found() -> None:
-    from grasptrack.bench.simulation import still_life
-    from grasptrack.bench.simulation.scene import LIE, PX_PER_UNIT
     from grasptrack.segmentation.first_look import find_objects
+    from grasptrack_bench.simulation import still_life
+    from grasptrack_bench.simulation.scene import LIE, PX_PER_UNIT
 
     image = still_life()
     assert (image == still_life()).all() and image.shape == (480, 640, 3)

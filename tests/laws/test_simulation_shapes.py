@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from grasptrack.bench.simulation import SHAPES, Camera, Path, similarity_path, tilting_path
-from grasptrack.bench.simulation.outlines import Shape, circle_polygon, polygon_moments, round_corners
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack_bench.simulation import SHAPES, Camera, Path, similarity_path, tilting_path
+from grasptrack_bench.simulation.outlines import Shape, circle_polygon, polygon_moments, round_corners
 
 
 @pytest.mark.parametrize("name", SHAPES)

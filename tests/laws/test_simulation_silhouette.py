@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from edges import renderer
-from grasptrack.bench.simulation import SHAPES, Scene, Texture, part_of_photo, shape_from_mask, similarity_path
-from grasptrack.bench.simulation.lookalikes import best_fit
-from grasptrack.bench.simulation.masks import mask_polygons
-from grasptrack.bench.simulation.outlines import polygon_moments, trace_isolines
-from grasptrack.bench.simulation.render import inside_mask
 from grasptrack.errors import ContourError, InputError
+from grasptrack_bench.simulation import SHAPES, Scene, Texture, part_of_photo, shape_from_mask, similarity_path
+from grasptrack_bench.simulation.lookalikes import best_fit
+from grasptrack_bench.simulation.masks import mask_polygons
+from grasptrack_bench.simulation.outlines import polygon_moments, trace_isolines
+from grasptrack_bench.simulation.render import inside_mask
 
 
 def mask_of(name: str, scale: float = 120.0, angle: float = 0.4, size: int = 420) -> np.ndarray:

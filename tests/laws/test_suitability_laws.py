@@ -232,7 +232,7 @@ def test_each_fitted_number_stands_with_its_interval_and_its_script() -> None:
     assert list(told) == list(Unforeseen._fields)
     for entry in told.values():
         assert 0.0 < entry["from"] <= entry["value"] <= entry["to"] and entry["by"].startswith(
-            "grasptrack.bench.studies.trackability --fit"
+            "research.studies.trackability --fit"
         )
 
 

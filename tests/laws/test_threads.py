@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker, InputError, TrackResult
-from grasptrack.bench.simulation import SHAPES
+from grasptrack_bench.simulation import SHAPES
 from stages import photo, pose
 
 PARTS = [SHAPES[name]() for name in ("bracket", "gasket", "notched-plate")]

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from grasptrack.bench.simulation import SHAPES, Shape
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.decision import max_contact_distance
@@ -17,6 +16,7 @@ from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.redetection import MATCHED, MOST, WAYS, wide_prior
 from grasptrack.tracking.target import build_pyramid
+from grasptrack_bench.simulation import SHAPES, Shape
 from stages import HEIGHT, WIDTH, bar, photo, pose
 
 FIRST = pose(160.0, 120.0, -40.0)

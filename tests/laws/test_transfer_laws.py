@@ -7,7 +7,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from grasptrack import kernels
-from grasptrack.bench.simulation.outlines import round_corners
 from grasptrack.errors import (
     AmbiguousError,
     AxesError,
@@ -24,6 +23,7 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.matching import find_symmetries
 from grasptrack.transfer import STRATEGIES, grasp_line, homography, transfer
+from grasptrack_bench.simulation.outlines import round_corners
 from outlines import BRACKET, blobs, dense, frame_motions, similarities, stars, turned
 
 FEW = settings(max_examples=40, deadline=None)

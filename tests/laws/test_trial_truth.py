@@ -8,11 +8,11 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from grasptrack.bench.approach.case import Row
-from grasptrack.bench.approach.truth import on_part, record_closing_errors
-from grasptrack.bench.simulation import SHAPES
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.numbers import NUMBERS
+from grasptrack_bench.approach.case import Row
+from grasptrack_bench.approach.truth import on_part, record_closing_errors
+from grasptrack_bench.simulation import SHAPES
 
 if find_spec("mujoco") is None:
     pytest.skip("the physical world needs MuJoCo", allow_module_level=True)
@@ -20,7 +20,7 @@ if find_spec("mujoco") is None:
 
 def told(shift: tuple[float, float], chosen_off: float = 0.0) -> Row:
     """A row of a closing whose contacts lie `shift` px from the chosen ones, which lie so many sqrt(area) off the outline."""
-    from grasptrack.bench.physics import World
+    from grasptrack_bench.physics import World
 
     world, row = World(SHAPES["bracket"](), seed=3, images="planar"), Row(3, "bracket", "static", "gantry", "online")
     ring = world.shape.polygons[0] * world.setting.part.size

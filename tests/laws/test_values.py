@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import grasptrack as gt
-from grasptrack.bench.simulation import SHAPES
 from grasptrack.equality import are_equal
 from grasptrack.presentation import format_confidence
+from grasptrack_bench.simulation import SHAPES
 from stages import photo, pose
 
 BRACKET = SHAPES["bracket"]()

@@ -126,6 +126,12 @@ def test_the_servos_time_never_goes_back_and_never_jumps(steps: list[float]) -> 
         last = tick.now
 
 
+def test_a_late_step_counts_no_more_than_the_usual_one_even_where_hardly_any_was_seen() -> None:
+    clock = ServoClock()
+    steps = [clock.advance(told).step for told in (0.0, 0.02, -0.06, -0.04, -0.02, 0.10, 0.12)]
+    assert steps == pytest.approx([0.0, 0.02, 0.0, 0.0, 0.0, 0.02, 0.02])
+
+
 def test_a_clock_that_stands_passes_for_a_while_and_then_time_goes_on() -> None:
     clock = ServoClock()
     for k in range(5):

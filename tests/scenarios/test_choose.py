@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker, synthesize
-from grasptrack.bench.simulation import SHAPES, Scene, similarity_path
 from grasptrack.errors import GraspError, InputError
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp
+from grasptrack_bench.simulation import SHAPES, Scene, similarity_path
 
 FRAMES = Scene(SHAPES["bracket"](), similarity_path(4, seed=5), seed=5)
 

@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.bench.methods import OURS
-from grasptrack.bench.records import EACH, FIXED, LAST, read_records, write_homographies
-from grasptrack.bench.simulation import SHAPES, Scene, similarity_path
-from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.cli.main import main
+from grasptrack_bench.methods import OURS
+from grasptrack_bench.records import EACH, FIXED, LAST, read_records, write_homographies
+from grasptrack_bench.simulation import SHAPES, Scene, similarity_path
+from grasptrack_bench.simulation.disturbances import DISTURBANCES
 
 SMALL = ["--shapes", "bracket", "--frames", "6", "--workers", "1"]
 

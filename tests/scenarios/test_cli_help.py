@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 
 from grasptrack.cli import help_groups
-from grasptrack.cli.main import app, main
+from grasptrack.cli.main import main
+from program import whole_program
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "cli.md"
-PROGRAM: Any = typer.main.get_command(app)
+PROGRAM: Any = whole_program()
 UNITS = {"MS": "in ms", "FPS": "in frames/s", "PX_PER_MM": "in px per mm", "MP": "in 10^6 px"}
 WORDS = {"MU": "coefficient", "P": "robability"}
 TEXTS = {"NAME", "A,B", "DIR", "FILE", "ADDRESS", "NAME=VALUE"}

@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grasptrack.bench.approach.case import Case, Row
-from grasptrack.bench.approach.runs import Trials, draw_cases, kind_of, run_trials
-from grasptrack.bench.approach.trial import Looking
-from grasptrack.bench.schedule import Outcome
-from grasptrack.bench.simulation import SHAPES
 from grasptrack.cli.main import main
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.grasp.hand import Hand
 from grasptrack.tracking.tracker import GraspTracker
+from grasptrack_bench.approach.case import Case, Row
+from grasptrack_bench.approach.runs import Trials, draw_cases, kind_of, run_trials
+from grasptrack_bench.approach.trial import Looking
+from grasptrack_bench.schedule import Outcome
+from grasptrack_bench.simulation import SHAPES
 
 
 def needs_mujoco() -> None:

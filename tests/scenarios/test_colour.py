@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.bench.simulation import SHAPES, Shape, Texture
 from grasptrack.geometry.contours import Contour
 from grasptrack.segmentation.color_projection import best_color_projection
 from grasptrack.segmentation.images import PLAIN
+from grasptrack_bench.simulation import SHAPES, Shape, Texture
 from stages import HEIGHT, WIDTH, Colour, Run, bar, mirrored, photo, pose, twin
 
 BRACKET, PLATE = (SHAPES[n]() for n in ("bracket", "notched-plate"))

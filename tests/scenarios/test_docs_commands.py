@@ -28,9 +28,11 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-from grasptrack.cli.main import app, main
+from grasptrack.cli.main import main
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.io.video import VideoWriter
+from program import whole_program
+from research.paper.__main__ import app as paper
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -48,7 +50,6 @@ SHORT: dict[str, dict[str, str]] = {
     "servo": {"--no-video": ""},
     "evaluate scenes": {"--shapes": "bracket", "--disturbances": "clean-4dof", "--frames": "2", "--workers": "1"},
     "evaluate real": {"--workers": "1"},
-    "evaluate paper": {"--quick": "", "--frames": "4", "--seeds": "1", "--workers": "1"},
     "compare": {},
     "cameras": {},
     "models": {},
@@ -117,7 +118,7 @@ def verb_of(words: list[str]) -> tuple[str, list[str]]:
 
 def study_of(words: list[str]) -> str | None:
     """The name of the study that a command starts."""
-    found = re.match(r"python -m grasptrack\.bench\.studies\.(\w+)", " ".join(words))
+    found = re.match(r"python -m research\.studies\.(\w+)", " ".join(words))
     return found[1] if found else None
 
 
@@ -164,7 +165,7 @@ def cases() -> list[object]:
 
 
 def command_of(verb: str) -> typer.core.TyperCommand:
-    found = typer.main.get_command(app)
+    found = whole_program()
     for name in verb.split():
         found = found.commands[name]  # type: ignore[attr-defined]
     return found  # type: ignore[return-value]
@@ -191,8 +192,10 @@ def test_every_command_is_known(command: str) -> None:
         if rest:
             filled = [{"N": "1", "P": "0.5"}.get(word, word) for word in rest]
             command_of(verb).make_context(verb, filled)
+    elif words[:3] == ["python", "-m", "research.paper"]:
+        typer.main.get_command(paper).make_context("paper", words[3:])
     elif (study := study_of(words)) is not None:  # tests/slow/test_studies.py runs each
-        shown = (ROOT / "src" / "grasptrack" / "bench" / "studies" / f"{study}.py").read_text(encoding="utf-8")
+        shown = (ROOT / "research" / "studies" / f"{study}.py").read_text(encoding="utf-8")
         options = {w for w in words if w.startswith("--")}
         assert {o for o in options - {"--output"} if f'"{o}"' not in shown} == set(), "unknown options"
     elif words[0] == "make":

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.bench.demo import STRATEGIES, run_demo
-from grasptrack.bench.records import read_homographies
-from grasptrack.bench.simulation import demo_scene
+from grasptrack_bench.demo import STRATEGIES, run_demo
+from grasptrack_bench.records import read_homographies
+from grasptrack_bench.simulation import demo_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -43,8 +43,8 @@ def test_the_demonstration_writes_truth_and_a_folder_for_each_strategy(tmp_path:
 
 
 def test_auto_follows_the_demonstration() -> None:
-    from grasptrack.bench.metrics.score import Score, Truth
     from grasptrack.tracking.tracker import GraspTracker
+    from grasptrack_bench.metrics.score import Score, Truth
 
     tracker, score = GraspTracker(), Score("auto")
     for frame in demo_scene(60):

@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.bench.paper import Extent, contexts, run_paper
-from grasptrack.bench.paper.claims import table_of_claims
-from grasptrack.bench.paper.documents import read_table
-from grasptrack.bench.paper.evidence import Evidence
-from grasptrack.bench.paper.folder import write_paper
-from grasptrack.bench.paper.footage import IN_IMAGES, KINDS, MOTIONS, OBJECTS
-from grasptrack.bench.paper.transfers import COMPARED, ways_of
-from grasptrack.bench.report.table import Table, to_csv, to_json, to_markdown, to_text
-from grasptrack.bench.schedule import create_scheduler
 from grasptrack.errors import InputError
 from grasptrack.transfer import STRATEGIES
+from grasptrack_bench.report.table import Table, to_csv, to_json, to_markdown, to_text
+from grasptrack_bench.schedule import create_scheduler
+from research.paper import Extent, contexts, run_paper
+from research.paper.claims import table_of_claims
+from research.paper.documents import read_table
+from research.paper.evidence import Evidence
+from research.paper.folder import write_paper
+from research.paper.footage import IN_IMAGES, KINDS, MOTIONS, OBJECTS
+from research.paper.transfers import COMPARED, ways_of
 
 pytestmark = pytest.mark.slow  # the run that all of them look at takes seconds
 

@@ -13,12 +13,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from grasptrack import GraspTracker
-from grasptrack.bench.baselines import PEERS, available_baselines, missing_baselines
-from grasptrack.bench.baselines.base import region_of
-from grasptrack.bench.baselines.direct import MARGIN
-from grasptrack.bench.method import Method, Start
-from grasptrack.bench.metrics.errors import contact_distances
-from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Scene, SceneFrame, similarity_path
 from grasptrack.geometry.contours import Contour
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
@@ -26,6 +20,12 @@ from grasptrack.grasp.force_closure import analyze
 from grasptrack.kernels import resample
 from grasptrack.segmentation.images import to_grey
 from grasptrack.tracking.result import TrackResult
+from grasptrack_bench.baselines import PEERS, available_baselines, missing_baselines
+from grasptrack_bench.baselines.base import region_of
+from grasptrack_bench.baselines.direct import MARGIN
+from grasptrack_bench.method import Method, Start
+from grasptrack_bench.metrics.errors import contact_distances
+from grasptrack_bench.simulation import SHAPES, Camera, Conditions, Scene, SceneFrame, similarity_path
 
 SIZE = (400, 300)
 BOUNDS = {

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.bench.baselines import PEERS, available_baselines, missing_baselines
-from grasptrack.bench.baselines.base import region_of
-from grasptrack.bench.baselines.direct import homography_of, template_triangles, why_not
-from grasptrack.bench.metrics.errors import contact_distances
 from grasptrack.segmentation.images import to_grey
 from grasptrack.typing import Floats
+from grasptrack_bench.baselines import PEERS, available_baselines, missing_baselines
+from grasptrack_bench.baselines.base import region_of
+from grasptrack_bench.baselines.direct import homography_of, template_triangles, why_not
+from grasptrack_bench.metrics.errors import contact_distances
 from test_evaluation_peers import easy, images, run, start
 
 CORE = """
@@ -124,7 +124,7 @@ def test_a_build_that_does_not_load_is_told(visp: Path) -> None:
 
 
 def test_without_visp_every_frame_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("grasptrack.bench.baselines.direct.find_spec", lambda name: None)
+    monkeypatch.setattr("grasptrack_bench.baselines.direct.find_spec", lambda name: None)
     assert "visp" not in available_baselines()
     for result in run(PEERS["visp"](start()), images()[:2]):
         assert result.status == "lost" and "ViSP" in result.reason and "not installed" in result.reason

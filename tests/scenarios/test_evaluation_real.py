@@ -12,15 +12,15 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.bench import real
-from grasptrack.bench.baselines.direct import Ecc
-from grasptrack.bench.method import Method, Start
-from grasptrack.bench.metrics.score import accept_limit
-from grasptrack.bench.real import Given, another_object, read_scenes, share_in_view
-from grasptrack.bench.records import read_records, write_homographies
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack_bench import real
+from grasptrack_bench.baselines.direct import Ecc
+from grasptrack_bench.method import Method, Start
+from grasptrack_bench.metrics.score import accept_limit
+from grasptrack_bench.real import Given, another_object, read_scenes, share_in_view
+from grasptrack_bench.records import read_records, write_homographies
 
 SIZE = (320, 240)
 CARD = np.array([[60.0, 60.0], [130.0, 66.0], [126.0, 112.0], [56.0, 106.0]])

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack import GraspTracker
-from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import InputError, ObservationError
 from grasptrack.geometry.contours import Contour
 from grasptrack.geometry.homographies import apply_homography
@@ -21,6 +20,7 @@ from grasptrack.segmentation.images import PLAIN, Channel, to_grey
 from grasptrack.segmentation.normalized_gradient import NormalizedGradient, lab_planes
 from grasptrack.segmentation.rating import SilhouetteScorer
 from grasptrack.segmentation.silhouettes import trace_silhouettes
+from grasptrack_bench.simulation import SHAPES
 from outlines import dense
 from stages import HEIGHT, WIDTH, Run, photo, pose
 from test_segmentation import distances

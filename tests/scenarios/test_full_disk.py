@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from grasptrack import open_source
-from grasptrack.bench.records import read_records
+from grasptrack_bench.records import read_records
 from recordings import plates, rows
 
 resource = pytest.importorskip("resource", reason="limits of this kind are Unix's")

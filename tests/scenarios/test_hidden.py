@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker
-from grasptrack.bench.simulation import SHAPES, Conditions, Path, Scene
+from grasptrack_bench.simulation import SHAPES, Conditions, Path, Scene
 
 FINGER = (300, 0, 44, 480)
 """Left, top, width and height of a bar before the camera; it is marked 4 px wider on each side."""

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from grasptrack.bench.simulation import SHAPES, Shape
-from grasptrack.bench.simulation.textures import Texture
+from grasptrack_bench.simulation import SHAPES, Shape
+from grasptrack_bench.simulation.textures import Texture
 from stages import DARK, EVEN, HEIGHT, METAL, WIDTH, Run, bar, mirrored, photo, pose, regular, twin
 
 STRATEGIES = ("auto", "homography", "grasp-line", "rrp")

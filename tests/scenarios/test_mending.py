@@ -14,10 +14,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from grasptrack import GraspTracker
-from grasptrack.bench.method import chosen_grasp
-from grasptrack.bench.scenes import Part, SceneCase
-from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
-from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.mending import TRIALS, VIEWS, Mender, _longest_open_stretch, _mean_log_ratio, _Trial
 from grasptrack.tracking.numbers import NUMBERS
@@ -27,6 +23,10 @@ from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.state import Look
 from grasptrack.tracking.target import build_pyramid
 from grasptrack.typing import Floats
+from grasptrack_bench.method import chosen_grasp
+from grasptrack_bench.scenes import Part, SceneCase
+from grasptrack_bench.simulation import SHAPES, Scene, SceneFrame
+from grasptrack_bench.simulation.disturbances import DISTURBANCES
 
 Grey = NDArray[np.uint8]
 

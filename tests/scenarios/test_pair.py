@@ -7,14 +7,14 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
-from grasptrack.bench.simulation.textures import blank_texture
 from grasptrack.errors import AmbiguousError, TransferError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.tracking.image_pair import REGISTRATION, transfer_between_images
 from grasptrack.transfer import STRATEGIES
+from grasptrack_bench.simulation import SHAPES, Camera, Conditions, Path, Scene
+from grasptrack_bench.simulation.textures import blank_texture
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 from test_matching import seen
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from datasets import DATA
-from grasptrack.bench.metrics.mask_agreement import boundary_f, intersection_over_union, mask_of
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.segmentation.first_look import find_objects
 from grasptrack.tracking.image_pair import transfer_between_images
 from grasptrack.transfer.alignment import as_similarity, find_alignments
+from grasptrack_bench.metrics.mask_agreement import boundary_f, intersection_over_union, mask_of
 
 pytestmark = pytest.mark.skipif(
     not (DATA / "tools").is_dir(), reason=f"no photos in {DATA}; set GRASPTRACK_DATA to the folder that holds tools/"

@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from grasptrack.bench.approach.trial import _grasp_axis_angle
-from grasptrack.bench.approach.truth import pairs_that_close
-from grasptrack.bench.physics import frames
-from grasptrack.bench.physics.gripper import make_gripper
-from grasptrack.bench.physics.setting import ASIDE, AWAY, BELT, TILT, TURN, sample_setting
-from grasptrack.bench.simulation import SHAPES
-from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.typing import Floats
+from grasptrack_bench.approach.trial import _grasp_axis_angle
+from grasptrack_bench.approach.truth import pairs_that_close
+from grasptrack_bench.physics import frames
+from grasptrack_bench.physics.gripper import make_gripper
+from grasptrack_bench.physics.setting import ASIDE, AWAY, BELT, TILT, TURN, sample_setting
+from grasptrack_bench.simulation import SHAPES
+from grasptrack_bench.simulation.outlines import Shape
 
 if find_spec("mujoco") is None:  # not imported here: the package says first how MuJoCo is to draw
     pytest.skip("the physical world needs MuJoCo", allow_module_level=True)
 
-from grasptrack.bench.physics import World
-from grasptrack.bench.physics.images import MujocoImages, boxes_seen, offscreen_error
+from grasptrack_bench.physics import World
+from grasptrack_bench.physics.images import MujocoImages, boxes_seen, offscreen_error
 from led_by_truth import lift_by_truth
 
 

@@ -10,8 +10,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from grasptrack import GraspTracker
-from grasptrack.bench.method import chosen_grasp
-from grasptrack.bench.simulation import SHAPES, Conditions, Path, Scene
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.closure_probability import CHANCE, FRONTAL, ClosureCheck, Rectifications
@@ -22,6 +20,8 @@ from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Plane
 from grasptrack.tracking.tracker import _judged_status, _needs_another
+from grasptrack_bench.method import chosen_grasp
+from grasptrack_bench.simulation import SHAPES, Conditions, Path, Scene
 from outlines import BRACKET, dense
 
 WIDTH, HEIGHT, FOCAL = 640.0, 480.0, 1.1

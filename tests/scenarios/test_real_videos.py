@@ -8,7 +8,7 @@ import pytest
 
 from datasets import DATA
 from grasptrack import GraspTracker, open_source
-from grasptrack.bench.real import score_video
+from grasptrack_bench.real import score_video
 
 VIDEOS = DATA / "videos"
 

@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from grasptrack.bench.scenes import built_in, make_scene_cases, run_case
-from grasptrack.bench.simulation import SHAPES, Shape
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack_bench.scenes import built_in, make_scene_cases, run_case
+from grasptrack_bench.simulation import SHAPES, Shape
 from stages import HEIGHT, WIDTH, Run, mirrored, photo, pose, twin
 
 NAMES = ("bracket", "gasket", "spanner", "hook", "puzzle-piece", "u-clip")

@@ -15,16 +15,16 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.bench.metrics.integrity import Measures
-from grasptrack.bench.metrics.summary import Row, summarise_run
-from grasptrack.bench.report.comparison import compare_runs
-from grasptrack.bench.report.comparison_page import write_comparison
-from grasptrack.bench.report.glossary import COMPARED, CURVES, TERMS
-from grasptrack.bench.report.paper_page import paper_report
-from grasptrack.bench.report.run import write_report
-from grasptrack.bench.report.tables import ANSWERS, ERRORS
-from grasptrack.bench.run_folder import read_run
+from grasptrack_bench.metrics.integrity import Measures
+from grasptrack_bench.metrics.summary import Row, summarise_run
+from grasptrack_bench.report.comparison import compare_runs
+from grasptrack_bench.report.comparison_page import write_comparison
+from grasptrack_bench.report.glossary import COMPARED, CURVES, TERMS
+from grasptrack_bench.report.run import write_report
+from grasptrack_bench.report.tables import ANSWERS, ERRORS
+from grasptrack_bench.run_folder import read_run
 from reported import METHODS, changed, lost, real, scenes
+from research.paper.page import paper_report
 
 
 class Reader(HTMLParser):

@@ -9,8 +9,8 @@ import pytest
 
 from datasets import SILHOUETTES
 from grasptrack import GraspTracker
-from grasptrack.bench.method import chosen_grasp
-from grasptrack.bench.scenes import make_scene_cases, parts_from_silhouettes
+from grasptrack_bench.method import chosen_grasp
+from grasptrack_bench.scenes import make_scene_cases, parts_from_silhouettes
 
 PLATE = np.array([[0.0, 0], [70, 6], [66, 30], [34, 33], [28, 66], [-4, 60]])
 FINER = 4

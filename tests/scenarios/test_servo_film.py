@@ -15,12 +15,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench.approach.case import Row
-from grasptrack.bench.approach.pictures import hold_result, side_by_side
-from grasptrack.bench.approach.runs import HELD_S, Record, draw_cases
-from grasptrack.bench.approach.trial import Step
-from grasptrack.bench.physics import frames
-from grasptrack.bench.physics.film import (
+from grasptrack_bench.approach.case import Row
+from grasptrack_bench.approach.pictures import hold_result, side_by_side
+from grasptrack_bench.approach.runs import HELD_S, Record, draw_cases
+from grasptrack_bench.approach.trial import Step
+from grasptrack_bench.physics import frames
+from grasptrack_bench.physics.film import (
     BYSTANDER,
     HAND_HUE,
     LOW,
@@ -30,18 +30,18 @@ from grasptrack.bench.physics.film import (
     colour_of_level,
     shadow_on_table,
 )
-from grasptrack.bench.physics.images import NOISE, SUN, offscreen_error
-from grasptrack.bench.scenes import built_in
-from grasptrack.bench.simulation import SHAPES
-from grasptrack.bench.simulation.render import TO_GREY
-from grasptrack.bench.simulation.textures import sample_look
-from grasptrack.cli.servo import servo
+from grasptrack_bench.physics.images import NOISE, SUN, offscreen_error
+from grasptrack_bench.scenes import built_in
+from grasptrack_bench.simulation import SHAPES
+from grasptrack_bench.simulation.render import TO_GREY
+from grasptrack_bench.simulation.textures import sample_look
+from grasptrack_bench.verbs.servo import servo
 
 if find_spec("mujoco") is None:
     pytest.skip("the physical world needs MuJoCo", allow_module_level=True)
 
-from grasptrack.bench.physics import World
-from grasptrack.bench.physics.model import import_mujoco
+from grasptrack_bench.physics import World
+from grasptrack_bench.physics.model import import_mujoco
 
 mj_forward = import_mujoco().mj_forward
 

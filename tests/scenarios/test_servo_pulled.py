@@ -7,15 +7,15 @@ from importlib.util import find_spec
 
 import pytest
 
-from grasptrack.bench.approach.case import Case, Row
-from grasptrack.bench.approach.runs import Trials
-from grasptrack.bench.approach.trial import Step, run_trial
-from grasptrack.bench.simulation import SHAPES
+from grasptrack_bench.approach.case import Case, Row
+from grasptrack_bench.approach.runs import Trials
+from grasptrack_bench.approach.trial import Step, run_trial
+from grasptrack_bench.simulation import SHAPES
 
 if find_spec("mujoco") is None:
     pytest.skip("the physical world needs MuJoCo", allow_module_level=True)
 
-from grasptrack.bench.physics import World
+from grasptrack_bench.physics import World
 
 
 def test_an_empty_grasp_is_noticed_and_the_next_try_lifts() -> None:

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import grasptrack as gt
-from grasptrack.bench.simulation import SHAPES
 from grasptrack.trackability import Suitability, inspect, inspect_scene
 from grasptrack.trackability.report import describe_expectation, report_rows
 from grasptrack.tracking.tracker import GraspTracker
+from grasptrack_bench.simulation import SHAPES
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 
 

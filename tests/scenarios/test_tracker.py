@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker
-from grasptrack.bench.simulation import SHAPES, Shape, brushed_texture, plain_texture
 from grasptrack.errors import GraspError, InputError, SourceError, StrategyError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.closure_probability import CHANCE
 from grasptrack.tracking.result import TrackResult
+from grasptrack_bench.simulation import SHAPES, Shape, brushed_texture, plain_texture
 from stages import EVEN, HEIGHT, WIDTH, Run, photo, pose, regular
 
 BRACKET, PLATE, GASKET = (SHAPES[n]() for n in ("bracket", "notched-plate", "gasket"))

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker
-from grasptrack.bench.method import chosen_grasp
-from grasptrack.bench.scenes import built_in, make_scene_cases, run_case
-from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Conditions, Scene, SceneFrame, tilting_path
-from grasptrack.bench.simulation.textures import blank_texture, gravel_texture, printed_texture
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.result import TrackResult
+from grasptrack_bench.method import chosen_grasp
+from grasptrack_bench.scenes import built_in, make_scene_cases, run_case
+from grasptrack_bench.simulation import DISTURBANCES, SHAPES, Conditions, Scene, SceneFrame, tilting_path
+from grasptrack_bench.simulation.textures import blank_texture, gravel_texture, printed_texture
 
 
 def a_scene(shape: str, seed: int, frames: int = 30, **options: object) -> Scene:

@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack import GraspTracker, TrackResult
-from grasptrack.bench.method import chosen_grasp
-from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
-from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.state import Shutter
 from grasptrack.tracking.target import Target
+from grasptrack_bench.method import chosen_grasp
+from grasptrack_bench.simulation import SHAPES, Scene, SceneFrame
+from grasptrack_bench.simulation.disturbances import DISTURBANCES
 from test_tracking_blur import target
 
 HEIGHT = 240

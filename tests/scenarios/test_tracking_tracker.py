@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from grasptrack.bench.simulation import SHAPES, plain_texture
 from grasptrack.errors import GraspError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.closure_probability import CHANCE
@@ -22,6 +21,7 @@ from grasptrack.tracking.messages import FIGURES, SENTENCES, Reason
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.transfer import STRATEGIES
+from grasptrack_bench.simulation import SHAPES, plain_texture
 from stages import HEIGHT, WIDTH, bar, mirrored, photo, pose
 
 BRACKET = SHAPES["bracket"]()

@@ -14,8 +14,6 @@ import numpy as np
 import pytest
 
 from grasptrack import inspect
-from grasptrack.bench.method import chosen_grasp
-from grasptrack.bench.simulation import DISTURBANCES, SHAPES, SceneFrame
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError, SourceError
 from grasptrack.geometry.cameras import Camera
@@ -27,6 +25,8 @@ from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
+from grasptrack_bench.method import chosen_grasp
+from grasptrack_bench.simulation import DISTURBANCES, SHAPES, SceneFrame
 
 BARREL = Camera([[704, 0, 319.5], [0, 704, 239.5], [0, 0, 1]], (-0.2, 0.03, 0.001, -0.001), size=(640, 480))
 

@@ -110,9 +110,9 @@ def test_it_does_not_wait_for_ever_and_a_moving_hand_stops() -> None:
 @pytest.mark.slow
 def test_a_rendered_hand_stands_still_and_says_why(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
-    from grasptrack.bench.approach.case import Case
-    from grasptrack.bench.approach.trial import Step, run_trial
-    from grasptrack.bench.simulation import SHAPES
+    from grasptrack_bench.approach.case import Case
+    from grasptrack_bench.approach.trial import Step, run_trial
+    from grasptrack_bench.simulation import SHAPES
 
     twists = []
 

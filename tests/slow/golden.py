@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.bench.metrics.integrity import compute_measures
-from grasptrack.bench.metrics.score import FrameScore
-from grasptrack.bench.scenes import built_in, make_scene_cases, run_case
-from grasptrack.bench.schedule import create_scheduler
+from grasptrack_bench.metrics.integrity import compute_measures
+from grasptrack_bench.metrics.score import FrameScore
+from grasptrack_bench.scenes import built_in, make_scene_cases, run_case
+from grasptrack_bench.schedule import create_scheduler
 
 STORED = Path(__file__).with_name("golden.json")
 SHAPES = ("bracket", "gasket", "spanner", "blob", "rectangle", "hook")

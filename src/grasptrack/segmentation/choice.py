@@ -3,7 +3,7 @@
 
 The worth is the rating of the region's outline, times its overlap with the one of a segmenter's maps that it agrees with most,
 times that of its box with the box that was given, each to a power. How likely the first is to be right follows from its rating
-and its lead over the best region that is another one. The numbers are fitted by `grasptrack.bench.studies.first_look`; richer
+and its lead over the best region that is another one. The numbers are fitted by `research.studies.first_look`; richer
 sets of terms, fitted to rendered benches, chose worse on photos.
 """
 

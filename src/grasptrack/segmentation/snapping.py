@@ -40,7 +40,7 @@ RETURNED = 2.5
 
 
 class SnapNumbers(NamedTuple):
-    """What moves an outline's points; fitted by `grasptrack.bench.studies.polygons`.
+    """What moves an outline's points; fitted by `research.studies.polygons`.
 
     Attributes:
         reach: px of the working image in which edges are looked for.

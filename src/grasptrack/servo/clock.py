@@ -77,6 +77,7 @@ class ServoClock:
             self._now += passed
             return Tick(self._now, min(passed, LONGEST_STEP), False)
         self._stalled = 0
+        usual = self.pace or step  # as it was before this one, which may be the clock's
         self._steps.append(step)
         self._now += step
-        return Tick(self._now, min(step, self.pace, LONGEST_STEP), True)
+        return Tick(self._now, min(step, usual, LONGEST_STEP), True)

@@ -35,7 +35,7 @@ NODES = np.array([NormalDist().inv_cdf((i + 0.5) / 32) for i in range(32)])
 
 
 class Unforeseen(NamedTuple):
-    """By how much runs differ from those that are drawn, as `grasptrack.bench.studies.trackability --fit` finds it.
+    """By how much runs differ from those that are drawn, as `research.studies.trackability --fit` finds it.
 
     Attributes:
         located, lost: the shares of runs in which all that is drawn is located, or lost, as a Beta distribution has them

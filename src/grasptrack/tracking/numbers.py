@@ -171,7 +171,7 @@ class Numbers:
 OWN = Path(__file__).with_name("numbers.json")
 """The values that the package comes with."""
 VARIABLE = "GRASPTRACK_NUMBERS"
-"""Environment variable that names another file of values, as `grasptrack.bench.studies.calibration` writes them."""
+"""Environment variable that names another file of values, as `research.studies.calibration` writes them."""
 
 
 def read_numbers(path: Path = OWN) -> Numbers:

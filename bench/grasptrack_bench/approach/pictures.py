@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A frame of the film: the hand's view with the tracker's marks, the view from beside, and what is done and why."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from grasptrack.typing import Floats, Pixels
+from grasptrack.view.draw import as_bgr, draw_disc, draw_overlay, draw_polyline
+from grasptrack.view.style import (
+    DARK_RGB,
+    INK_RGB,
+    MUTED_RGB,
+    PANEL_RGB,
+    RULE_RGB,
+    STATUS_RGB,
+    WHITE_RGB,
+    Colour,
+    ellipsise_text,
+    put_text,
+    rgb_to_bgr,
+    text_width,
+)
+from grasptrack_bench.physics import World
+
+if TYPE_CHECKING:
+    from grasptrack.geometry.contours import View
+    from grasptrack_bench.approach.case import Row
+    from grasptrack_bench.approach.trial import Step
+
+
+_GOAL: Colour = (240, 228, 66)
+_LINE, _STRIP = 30, 58
+_STATES: dict[str, Colour] = {
+    "approaching": (86, 180, 233),
+    "converged": (0, 168, 120),
+    "closing": (0, 168, 120),
+    "done": (0, 168, 120),
+    "unsure": (240, 170, 20),
+    "holding": (240, 170, 20),
+    "searching": (240, 170, 20),
+    "retreating": (240, 170, 20),
+    "empty": (222, 84, 24),
+    "failed": (222, 84, 24),
+}
+_STAGES = ("look", "approach", "close", "lift")
+_BLIND = {
+    "close": "feels for the table and closes",
+    "open": "opens for another try",
+    "lift": "lifts, and holds for a second",
+}
+
+
+def side_by_side(world: World, step: Step, last: View | None = None) -> Pixels:
+    """(H, 1280, 3) BGR: the hand's view with the tracker's overlay and the goal, the view from beside, what is done and why
+    below, and what the marks mean.
+
+    Args:
+        world, step: what is shown.
+        last: outline where the object was seen last; drawn dashed while it is lost.
+    """
+    view = world.hand_in_colour()
+    if step.image is None or step.result is None:
+        left = np.vstack([view, _blind_strip(view.shape[1], step.stage)])
+    else:
+        left = draw_overlay(view, step.result, last=last)
+        if step.command is not None and step.command.goal is not None:
+            _draw_goal(left, step.command.goal)
+    right = np.vstack([world.bystander(), _stages_strip(world, step, view.shape[1])])
+    for picture, title in ((left, "the hand's camera"), (right, "from beside")):
+        _draw_title(picture, title)
+    both = np.hstack([left, right])
+    return np.vstack([both, _draw_status_line(step, both.shape[1]), _draw_legend(both.shape[1])])
+
+
+def hold_result(picture: Pixels, row: Row) -> Pixels:
+    """The last frame with the outcome over it, to be shown for a while."""
+    held = picture.copy()
+    text = row.outcome.upper() + (f": {row.reason}" if row.reason else ": held in the air for a second")
+    room = held.shape[1] // 2 - 60
+    text = ellipsise_text(text, room, 19, bold=True)
+    wide, x = text_width(text, 19, bold=True) + 32, held.shape[1] // 2 + 14
+    colour = STATUS_RGB["tracked"] if row.outcome == "lifted" else STATUS_RGB["lost"]
+    cv2.rectangle(held, (x, 420), (x + wide, 464), rgb_to_bgr(colour), -1)
+    put_text(held, text, x + 16, 449, 19, DARK_RGB, bold=True)
+    return held
+
+
+def _draw_goal(picture: Pixels, goal: Floats) -> None:
+    for point in goal[np.isfinite(goal).all(axis=1)]:
+        draw_disc(picture, point, 11.0, DARK_RGB, 4.0)
+        draw_disc(picture, point, 11.0, _GOAL, 2.0)
+
+
+def _draw_title(picture: Pixels, text: str) -> None:
+    wide = text_width(text, 14) + 20
+    plate = picture[8:34, 8 : 8 + wide]
+    plate[:] = (plate * 0.35).astype(np.uint8)
+    put_text(picture, text, 18, 26, 14, WHITE_RGB)
+
+
+def _draw_hand_view(step: Step) -> Pixels:
+    """The hand's view at a step, with what the tracker said."""
+    assert step.image is not None and step.result is not None
+    view = draw_overlay(as_bgr(step.image), step.result)
+    put_text(view, f"{step.time:.2f} s", view.shape[1] - 70, 21, 15, INK_RGB)
+    return view
+
+
+def render_final_png(world: World, step: Step, row: Row, seen: Step | None = None, missed: Step | None = None) -> bytes:
+    """A PNG of the end of a trial, with its outcome and the reason; where the grasp was lost, above it the hand's view when it
+    was seen last and in the image after."""
+    picture = side_by_side(world, step)
+    if seen is not None and missed is not None:
+        picture = np.vstack([np.hstack([_draw_hand_view(seen), _draw_hand_view(missed)]), picture])
+    head = _panel(_LINE, picture.shape[1])
+    text = f"{row.shape}, {row.scenario}, seed {row.seed}: {row.outcome} after {row.time_s:.1f} s. {row.reason}"
+    put_text(head, ellipsise_text(text, head.shape[1] - 20, 15), 10, 21, 15, INK_RGB)
+    _, data = cv2.imencode(".png", np.vstack([head, picture]), [cv2.IMWRITE_PNG_COMPRESSION, 6])
+    return data.tobytes()
+
+
+def _panel(height: int, width: int) -> Pixels:
+    return np.full((height, width, 3), rgb_to_bgr(PANEL_RGB), np.uint8)
+
+
+def _blind_strip(width: int, stage: str) -> Pixels:
+    """Below the image, where the tracker's strip would be: what the hand does without it."""
+    strip = _panel(_STRIP, width)
+    put_text(strip, f"the hand {_BLIND.get(stage, 'looks')}", 10, 36, 14, MUTED_RGB)
+    return strip
+
+
+def _stages_strip(world: World, step: Step, width: int) -> Pixels:
+    """The stages with the present one, and how high part and fingertips are in truth."""
+    strip = _panel(_STRIP, width)
+    at = 10
+    for stage in _STAGES:
+        now = stage == step.stage
+        put_text(strip, stage, at, 24, 15, INK_RGB if now else MUTED_RGB, bold=now)
+        at += text_width(stage, 15, bold=now) + 14
+        if stage != _STAGES[-1]:
+            put_text(strip, "›", at, 24, 15, RULE_RGB)
+            at += 22
+    put_text(strip, f"{step.time:.2f} s", width - 74, 24, 15, INK_RGB)
+    tips, part = 1e3 * world.pose()[2, 3], max(0.0, 1e3 * world.part_pose()[2, 3])
+    put_text(strip, f"above the table, in truth: fingertips {tips:.0f} mm, part {part:.0f} mm", 10, 47, 14, MUTED_RGB)
+    return strip
+
+
+def _draw_status_line(step: Step, width: int) -> Pixels:
+    line = _panel(_LINE, width)
+    blind = step.command is None or step.stage in _BLIND
+    state = step.stage if blind or step.command is None else step.command.state
+    put_text(line, state, 10, 21, 15, _STATES.get(state, MUTED_RGB), bold=True)
+    why = "" if blind or step.command is None else step.command.reason
+    put_text(line, ellipsise_text(why, width // 2 - 140, 14), 130, 21, 14, INK_RGB)
+    if not blind and step.command is not None and np.isfinite(step.command.error_px):
+        figures = f"{step.command.error_px:.1f} px from the goal, {1e3 * step.command.height:.0f} mm to go"
+        put_text(line, figures, width // 2 + 10, 21, 14, MUTED_RGB)
+    return line
+
+
+def _draw_legend(width: int) -> Pixels:
+    """What the marks of the hand's view mean."""
+    line = _panel(_LINE, width)
+    line[0] = rgb_to_bgr(RULE_RGB)
+    middle, at = 15.0, 10
+    outline = np.array([[0.0, middle], [22.0, middle]])
+    for mark, text in (
+        ("outline", "outline as followed"),
+        ("last", "where it was seen last"),
+        ("contact", "contact of the grasp (orange: not stable)"),
+        ("hidden", "hidden contact"),
+        ("goal", "goal of the contacts: between the fingers"),
+    ):
+        shift = np.array([at, 0.0])
+        centre = np.array([at + 11.0, middle])
+        if mark == "outline":
+            draw_polyline(line, outline + shift, WHITE_RGB, 2.0)
+        elif mark == "last":
+            for start in (0.0, 14.0):
+                draw_polyline(line, np.array([[start, middle], [start + 8.0, middle]]) + shift, STATUS_RGB["lost"], 2.0)
+        elif mark == "goal":
+            draw_disc(line, centre, 8.0, _GOAL, 2.0)
+        elif mark == "hidden":
+            draw_disc(line, centre, 6.6, WHITE_RGB, 1.8)
+        else:
+            draw_disc(line, centre, 6.4, WHITE_RGB)
+            draw_disc(line, centre, 4.6, STATUS_RGB["tracked"])
+        put_text(line, text, at + 30, 20, 13, MUTED_RGB)
+        at += 30 + text_width(text, 13) + 26
+    return line

@@ -1,0 +1,368 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures 4, 7, 8, 9 and 11 of the paper drawn anew from a run, to be laid beside the printed ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+
+from grasptrack import kernels
+from grasptrack.geometry.contours import View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.segmentation.images import Grey
+from grasptrack.transfer import grasp_line, rrp, transfer
+from grasptrack.transfer.rrp import INTERPOLATED
+from grasptrack.typing import Floats
+from grasptrack.view.style import DARK, INK, MUTED, STATUS_RGB, STRATEGY_RGB, create_figure, hex_colour
+from grasptrack_bench.baselines.literal import LiteralHomography
+from research.paper.correspondences import Correspondences
+from research.paper.footage import Footage
+from research.paper.pictures import Images, Picture
+from research.paper.transfers import Refused
+
+WIDE = 8.2
+"""Inches."""
+DPI = 100
+GRASP = hex_colour(STATUS_RGB["tracked"])
+TRUTH = "#d1361b"
+REFERENCE = hex_colour(STRATEGY_RGB["rrp"])
+AXIS = hex_colour(STRATEGY_RGB["grasp-line"])
+PEAK = hex_colour(STRATEGY_RGB["homography"])
+_HALO: dict[str, Any] = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8}
+
+
+def paper_figures(
+    examples: Sequence[Footage],
+    found: Sequence[Correspondences],
+    sampled: Sequence[Footage],
+    images: Images,
+    frame: int,
+) -> Iterator[tuple[str, Picture]]:
+    """Names and pictures, each with its caption; a figure whose transfer was refused is left out.
+
+    Args:
+        examples: rendered footage of 4 DoF.
+        found: the pairs of Tables II and V that were answered.
+        sampled: footage of 6 DoF sampled anew, for the refinement.
+        images: the first image and that of `frame`, by object and motion.
+        frame: of the second view.
+    """
+    seen = [f for f in examples if f.kind == "rendered" and isinstance(f.tracked[frame], View)]
+    if seen:
+        yield "paper-fig-4", figure_four(max(seen, key=lambda f: _widest_bulge(f)[0]))
+        yield "paper-fig-7", figure_seven(seen[0], images[seen[0].part.name, seen[0].motion], frame)
+    for f in examples:
+        if f.kind == "rendered" and (drawn := figure_eight(f, images[f.part.name, f.motion], frame)) is not None:
+            yield "paper-fig-8", drawn
+            break
+    if found:
+        c = found[0]
+        yield "paper-fig-9", figure_nine(c, images[c.footage.part.name, c.footage.motion])
+    if (refined := figure_eleven(sampled)) is not None:
+        yield "paper-fig-11", refined
+
+
+def figure_four(footage: Footage) -> Picture:
+    """RRP coordinates: reference points of the tracked outline, and the points interpolated between two of them."""
+    view = _view(footage.tracked[0])
+    points = view.outer.points
+    references = points[::INTERPOLATED]
+    figure = create_figure(WIDE, 3.5, layout="constrained")
+    whole, close = figure.subplots(1, 2)
+    _draw_outline(whole, view)
+    grasp = Grasp(footage.on_tracked)
+    _draw_references(whole, references, grasp.contacts)
+    for at, label in zip(grasp.contacts, _coordinates(grasp, view), strict=True):
+        _draw_contact(whole, at, label, references.mean(axis=0))
+    _frame(whole, points, "reference points, and the grasp's (c, ref, interp)", 0.2)
+    gap, ref = _widest_bulge(footage)
+    side = points[np.arange(ref * INTERPOLATED, (ref + 1) * INTERPOLATED + 1) % len(points)]
+    share = np.linspace(0.0, 1.0, INTERPOLATED + 1)[:, None]
+    chord = side[0] + share * (side[-1] - side[0])
+    close.plot(
+        *points[np.arange(-INTERPOLATED, 2 * INTERPOLATED + 1) + ref * INTERPOLATED - len(points)].T, color=DARK, lw=1.2
+    )
+    close.plot(*chord.T, "o--", color=TRUTH, ms=4, lw=1.0, label="interpolated on the segment, as in the paper")
+    close.plot(*side[1:-1].T, "o", color=DARK, ms=4, label="interpolated on the outline, as here")
+    close.plot(*side[[0, -1]].T, "o", color=REFERENCE, ms=8, mec=DARK)
+    for k, name in ((0, f"ref = {ref}"), (-1, f"ref = {(ref + 1) % len(references)}")):
+        _label(close, side[k], name, chord.mean(axis=0), size=9, gap=30)
+    for k, at in enumerate(side[1:-1], start=1):
+        _label(close, at, str(k), chord[k], size=8, gap=11)
+    _frame(close, side, f"the segment where both differ most, by {gap:.1f} px", 0.35)
+    close.legend(loc="lower left", fontsize=7.5, framealpha=0.9)
+    return f"Fig. 4, {footage.part.name}: RRP coordinates of contour points", to_picture(figure)
+
+
+def figure_seven(footage: Footage, images: Sequence[Grey], frame: int) -> Picture:
+    """RRP transfer: the same coordinates on the outline that the snake moved."""
+    figure = create_figure(WIDE, 3.5, layout="constrained")
+    first, second = _view(footage.tracked[0]), _view(footage.tracked[frame])
+    moved = transfer(Grasp(footage.on_tracked), first, second, "rrp").grasp
+    truth = footage.truth("rrp", frame)
+    panels = ((0, first, Grasp(footage.on_tracked), None), (frame, second, moved, truth))
+    for axes, image, (k, view, grasp, true) in zip(figure.subplots(1, 2), images, panels, strict=True):
+        _draw_image(axes, image)
+        _draw_outline(axes, view)
+        references = view.outer.points[::INTERPOLATED]
+        _draw_references(axes, references, grasp.contacts)
+        _draw_truth(axes, true)
+        for at, label in zip(grasp.contacts, _coordinates(grasp, view), strict=True):
+            _draw_contact(axes, at, label, references.mean(axis=0))
+        off = "" if true is None else f", off by {_worst(grasp.contacts, true):.3f} px"
+        _frame(axes, view.points, f"frame {k}{off}", 0.2)
+    return f"Fig. 7, {footage.part.name}: the same RRP coordinates on the outline that the snake moved", to_picture(
+        figure
+    )
+
+
+def figure_eight(footage: Footage, images: Sequence[Grey], frame: int) -> Picture | None:
+    """Grasp-line transfer: the line relative to the inertia axes; None where it was refused."""
+    first, second = footage.silhouettes[0], footage.silhouettes[frame]
+    if not isinstance(first, View) or not isinstance(second, View):
+        return None
+    try:
+        moved = transfer(Grasp(footage.on_silhouette), first, second, "grasp-line").grasp
+    except Refused:
+        return None
+    figure = create_figure(WIDE, 4.6, layout="constrained")
+    panels = (
+        (0, first, Grasp(footage.on_silhouette), None),
+        (frame, second, moved, footage.truth("grasp-line", frame)),
+    )
+    for axes, image, (k, view, grasp, true) in zip(figure.subplots(1, 2), images, panels, strict=True):
+        described = grasp_line.describe(grasp, view)
+        area, *_ = kernels.polygon_moments(view.points, view.offsets)
+        centre, root = np.array(described.centroid), math.sqrt(area)
+        _draw_image(axes, image)
+        _draw_outline(axes, view)
+        for angle, name in ((described.theta, r"$I_{\min}$"), (described.theta + 0.5 * math.pi, r"$I_{\max}$")):
+            along = root * np.array([math.cos(angle), math.sin(angle)])
+            axes.plot(*np.array([centre - along, centre + along]).T, color=AXIS, lw=1.3)
+            axes.annotate(name, centre + 0.92 * along, fontsize=9, color=DARK, bbox=_HALO, ha="center", va="center")
+        a, b = grasp.contacts
+        axes.plot(*np.array([a - 0.5 * (b - a), b + 0.5 * (b - a)]).T, color=GRASP, lw=1.8)
+        foot = a + (b - a) * float((centre - a) @ (b - a) / ((b - a) @ (b - a)))
+        axes.plot(*np.array([centre, foot]).T, ":", color=DARK, lw=1.5)
+        axes.annotate(
+            r"$d_c$", 0.5 * (centre + foot), fontsize=9, bbox=_HALO, xytext=(-12, 8), textcoords="offset points"
+        )
+        axes.plot(*centre, "o", color=AXIS, mec=DARK, ms=6)
+        meets = _meeting(a, b, centre, described.theta)
+        axes.plot(*meets, "s", color=DARK, ms=4)
+        for at, name in ((a, "$d_1$"), (b, "$d_2$")):
+            _label(axes, 0.5 * (meets + at), name, centre, size=9, gap=11)
+        _draw_truth(axes, true)
+        for at, label in zip(grasp.contacts, ("$p_{g_1}$", "$p_{g_2}$"), strict=True):
+            _draw_contact(axes, at, label, centre)
+        d_c, alpha, d_1, d_2 = described.paper()
+        off = "" if true is None else f", off by {_worst(grasp.contacts, true):.3f} px"
+        _frame(axes, view.points, f"frame {k}{off}", 0.16)
+        printed = f"over the area, as printed: ({d_c:.4f}, {alpha:.4f}°, {d_1:.4f}, {d_2:.4f})"
+        own = ", ".join(f"{v * root:.4f}" for v in (d_c, d_1, d_2))
+        axes.set_xlabel(f"{printed}\n" + r"$d_c, d_1, d_2$ over its root: " + own, fontsize=8.5, color=INK)
+    return f"Fig. 8, {footage.part.name}: the grasp line beside the inertia axes", to_picture(figure)
+
+
+def figure_nine(c: Correspondences, images: Sequence[Grey]) -> Picture:
+    """The four steps of the homography transfer."""
+    figure = create_figure(WIDE, 6.6, layout="constrained")
+    (one, two), (three, four) = figure.subplots(2, 2)
+    for axes, image, view, points, title in (
+        (one, images[0], c.first, c.points[0], "1. frame 0: four points are selected"),
+        (two, images[1], c.second, c.points[1], f"1. frame {c.frame}: and found again, eq. (3)"),
+    ):
+        _draw_image(axes, image)
+        _draw_outline(axes, view)
+        for k, at in enumerate(points, start=1):
+            axes.plot(*at, "o", color=PEAK, mec="white", ms=8)
+            _label(axes, at, str(k), view.points.mean(axis=0))
+        _frame(axes, view.points, title)
+    grasp = c.footage.on_silhouette
+    one.plot(*grasp.T, "o", color=GRASP, mec=DARK, ms=7)
+    _draw_outline(three, c.second)
+    for contour in c.first.contours:
+        carried = apply_homography(c.H, contour.points)
+        three.plot(*_closed(carried).T, "--", color=PEAK, lw=1.5)
+    three.plot([], [], "--", color=PEAK, label="first contour through H")
+    three.plot([], [], color=DARK, label="second contour")
+    three.plot(*c.applied.T, "o", mfc="none", mec=TRUTH, mew=1.6, ms=11, label="grasp through H")
+    three.legend(loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=3, fontsize=8, frameon=False, columnspacing=1.0)
+    _frame(three, c.second.points, "2. and 3. H is computed and applied")
+    _draw_image(four, images[1])
+    _draw_outline(four, c.second)
+    _draw_line(four, c.refined)
+    four.plot(*c.refined.T, "o", color=GRASP, mec=DARK, ms=7)
+    truth = c.footage.truth("homography", c.frame)
+    _draw_truth(four, truth)
+    _frame(
+        four,
+        c.second.points,
+        f"4. refined: off by {_worst(c.refined, truth):.2f} px, {_worst(c.applied, truth):.2f} before",
+    )
+    return f"Fig. 9, {c.footage.part.name}: the four steps of the homography transfer", to_picture(figure)
+
+
+def figure_eleven(sampled: Sequence[Footage]) -> Picture | None:
+    """The refinement to the letter, at the pair of views whose correction is the median of all that were answered."""
+    letter, plain = LiteralHomography(), LiteralHomography(refined=False)
+    pairs: list[tuple[float, Footage, int, Floats, Floats]] = []
+    for f in sampled:
+        first = _view(f.silhouettes[0])
+        description = letter.describe(Grasp(f.on_silhouette), first)
+        for k, view in enumerate(f.silhouettes[1:], start=1):
+            try:
+                refined = letter.apply(description, _view(view)).grasp.contacts
+                applied = plain.apply(description, _view(view)).grasp.contacts
+            except Refused:
+                continue
+            pairs.append((_worst(refined, applied), f, k, applied, refined))
+    if not pairs:
+        return None
+    pairs.sort(key=lambda p: p[0])
+    corrected, f, k, applied, refined = pairs[len(pairs) // 2]
+    view, truth = _view(f.silhouettes[k]), f.truth("paper-homography", k)
+    figure = create_figure(WIDE, 3.3, layout="constrained")
+    whole, *close = figure.subplots(1, 3)
+    reach = max(2.0, 1.5 * max(_worst(refined, applied), _worst(refined, truth)))
+    for axes in (whole, *close):
+        _draw_outline(axes, view)
+        _draw_line(axes, refined)
+        axes.plot(*applied.T, "o", mfc="none", mec=TRUTH, mew=1.6, ms=11, label="through H")
+        axes.plot(*refined.T, "o", color=GRASP, mec=DARK, ms=7, label="refined")
+        axes.plot(*truth.T, "x", color=TRUTH, mew=2.0, ms=8, label="true place")
+    _frame(whole, view.points, f"frame {k}, corrected by {corrected:.2f} px")
+    figure.legend(*whole.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8.5, frameon=False)
+    for i, axes in enumerate(close):
+        before, after = (float(np.hypot(*(p[i] - truth[i]))) for p in (applied, refined))
+        _frame(
+            axes,
+            refined[i] + np.array([[-reach, -reach], [reach, reach]]),
+            f"contact {i + 1}: {before:.2f} px off, then {after:.2f}",
+            0.0,
+        )
+    return (
+        f"Fig. 11, {f.part.name}: the refinement to the letter, at the pair of views of the median correction",
+        to_picture(figure),
+    )
+
+
+# --- what the figures have in common -------------------------------------------------------------
+
+
+def _widest_bulge(footage: Footage) -> tuple[float, int]:
+    """px and reference point of the segment from which the outline is farthest."""
+    points = _view(footage.tracked[0]).outer.points
+    gaps = []
+    for ref in range(len(points) // INTERPOLATED):
+        side = points[np.arange(ref * INTERPOLATED, (ref + 1) * INTERPOLATED + 1) % len(points)]
+        chord = side[0] + np.linspace(0.0, 1.0, INTERPOLATED + 1)[:, None] * (side[-1] - side[0])
+        gaps.append(float(np.hypot(*(side - chord).T).max()))
+    return max(gaps), int(np.argmax(gaps))
+
+
+def _coordinates(grasp: Grasp, view: View) -> list[str]:
+    return [str(place) for place in rrp.describe(grasp, view).paper()]
+
+
+def _view(seen: View | str) -> View:
+    if isinstance(seen, str):
+        raise ValueError(seen)
+    return seen
+
+
+def _worst(found: Floats, truth: Floats) -> float:
+    return float(np.hypot(*(found - truth).T).max())
+
+
+def _closed(points: Floats) -> Floats:
+    return np.concatenate([points, points[:1]])
+
+
+def _draw_image(axes: Any, image: Grey) -> None:
+    """The image as a pale backdrop: smooth and of few greys, so that the file stays small."""
+    smooth = cv2.medianBlur(image, 7).astype(np.int64) // 24 * 24
+    axes.imshow(
+        smooth,
+        cmap="gray",
+        vmin=-500,
+        vmax=290,
+        interpolation="nearest",
+        extent=(-0.5, image.shape[1] - 0.5, image.shape[0] - 0.5, -0.5),
+    )
+
+
+def _draw_outline(axes: Any, view: View) -> None:
+    for contour in view.contours:
+        axes.plot(*_closed(contour.points).T, color=DARK, lw=1.2)
+
+
+def _draw_references(axes: Any, references: Floats, contacts: Floats) -> None:
+    """Every fifth is numbered, where no contact needs the place."""
+    axes.plot(*references.T, "o", color=REFERENCE, mec=DARK, mew=0.6, ms=5)
+    room = 0.06 * float(np.ptp(references, axis=0).max())
+    for i in range(0, len(references), 5):
+        if np.hypot(*(contacts - references[i]).T).min() > room:
+            _label(axes, references[i], str(i), references.mean(axis=0), size=7.5, gap=9)
+
+
+def _draw_contact(axes: Any, at: Floats, label: str, centre: Floats) -> None:
+    axes.plot(*at, "o", color=GRASP, mec=DARK, ms=8)
+    _label(axes, at, label, centre, size=10, gap=32)
+
+
+def _draw_line(axes: Any, contacts: Floats) -> None:
+    a, b = contacts
+    axes.plot(*np.array([a - 0.4 * (b - a), b + 0.4 * (b - a)]).T, color=GRASP, lw=1.6)
+
+
+def _meeting(a: Floats, b: Floats, centre: Floats, angle: float) -> Floats:
+    """(2,) where the line through a and b meets the axis."""
+    across = np.array([-math.sin(angle), math.cos(angle)])
+    return np.asarray(a + (b - a) * float(across @ (centre - a)) / float(across @ (b - a)))
+
+
+def _draw_truth(axes: Any, truth: Floats | None) -> None:
+    if truth is not None:
+        axes.plot(*truth.T, "x", color=TRUTH, mew=2.0, ms=12)
+
+
+def _label(axes: Any, at: Floats, text: str, centre: Floats, size: float = 10, gap: float = 13) -> None:
+    """Beside a point, away from the centre."""
+    away = (at - centre) / max(float(np.hypot(*(at - centre))), 1e-9)
+    axes.annotate(
+        text,
+        at,
+        xytext=(gap * away[0], -gap * away[1]),
+        textcoords="offset points",
+        fontsize=size,
+        ha="center",
+        va="center",
+        color=DARK,
+        bbox=_HALO,
+        zorder=9,
+    )
+
+
+def _frame(axes: Any, points: Floats, title: str, margin: float = 0.14) -> None:
+    """The part of the plane that holds these points, y downward as in images."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = margin * float((high - low).max())
+    axes.set(
+        xlim=(low[0] - room, high[0] + room), ylim=(high[1] + room, low[1] - room), aspect="equal", xticks=[], yticks=[]
+    )
+    axes.set_title(title, fontsize=9.5, color=INK)
+    for spine in axes.spines.values():
+        spine.set_color(MUTED)
+
+
+def to_picture(figure: Any) -> Any:
+    """(H, W, 3) uint8 BGR."""
+    figure.set_dpi(DPI)
+    figure.canvas.draw()
+    return np.ascontiguousarray(np.asarray(figure.canvas.buffer_rgba())[:, :, 2::-1])

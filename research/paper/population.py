@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The transfers on every built-in shape with several seeds: the paths, tilt, clipped outlines; Tables P, T and K."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from grasptrack.errors import ObservationError
+from grasptrack_bench.report.table import Cell, Table
+from grasptrack_bench.simulation import Path
+from research.paper.ablation import ablation_runs
+from research.paper.clipping import BESIDE, CLIPPED, clipped_footage
+from research.paper.footage import (
+    DISTANCE,
+    MOTIONS,
+    TRACKED,
+    Footage,
+    Kind,
+    Part,
+    ideal_footage,
+    in_four_dof,
+    make_part,
+    moved_curves,
+    path_homographies,
+    resample_view,
+)
+from research.paper.runs import SUMMARY, SUMMARY_NOTES, Run, Setting, summarize
+from research.paper.sensitivity import sensitivity_runs
+from research.paper.transfers import COMPARED, WAYS, transfer_and_measure, ways_of
+
+EXTRACTED: tuple[Kind, ...] = ("resampled", "pixel chain")
+"""Contours that are sampled independently of each other; where they correspond all transfers are exact."""
+TILTS = tuple(range(0, 61, 10))
+"""Degrees."""
+SEEDS_OF_VARIANTS = 3
+"""Seeds with which ablation and sensitivity are run: variants are compared on the same sequences, which takes fewer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One shape with one seed.
+
+    Attributes:
+        shape: its name.
+        seed: of path, contours and border.
+        frames: of each path.
+    """
+
+    shape: str
+    seed: int
+    frames: int
+
+
+def population_runs(task: Task) -> list[Run] | str:
+    """All runs of one shape and seed, or why the shape has none."""
+    try:
+        part = make_part(task.shape, task.seed)
+    except ObservationError as error:
+        return str(error)
+    runs = [*path_runs(part, task), *tilt_runs(part, task.seed), *clipped_runs(part, task.seed)]
+    if task.seed < SEEDS_OF_VARIANTS:
+        runs += ablation_runs(part, task.seed, task.frames)
+        runs += sensitivity_runs(part, task.seed, task.frames)
+    return runs
+
+
+def path_runs(part: Part, task: Task) -> Iterator[Run]:
+    """Every strategy along every path on every kind of contours, in every way."""
+    for motion in MOTIONS:
+        for kind in EXTRACTED:
+            footage = ideal_footage(part, kind, motion, task.frames, task.seed)
+            for strategy in COMPARED:
+                for way in ways_of(strategy):
+                    errors = transfer_and_measure(footage, strategy, way).errors
+                    yield Setting("paths", part.name, task.seed, motion, kind, strategy, way).run(errors)
+
+
+def tilt_footage(part: Part, seed: int) -> Footage:
+    """Contours sampled anew while the camera leans by one degree more from frame to frame, and turns a little."""
+    rng = np.random.default_rng((seed, 41))
+    frames = TILTS[-1] + 1
+    whole = np.arange(frames, dtype=np.float64)
+    turned = rng.uniform(-1.0, 1.0) * np.radians(0.5 * whole)
+    path = Path(
+        np.zeros((frames, 2)),
+        np.full(frames, DISTANCE),
+        turned,
+        np.radians(whole),
+        np.full(frames, rng.uniform(0.0, 2.0 * math.pi)),
+    )
+    H = path_homographies(path)
+    views = [part.reference, *(resample_view(moved_curves(part, h), rng) for h in H[1:])]
+    areas = np.array([sum(c.signed_area for c in view.contours) for view in views])
+    tracked = in_four_dof(part.reference, H)
+    return Footage(part, "resampled", "6 DoF", H, areas, tuple(views), tuple(tracked), part.contacts, part.contacts)
+
+
+def tilt_runs(part: Part, seed: int) -> Iterator[Run]:
+    """Errors at each tilt."""
+    footage = tilt_footage(part, seed)
+    for strategy in COMPARED:
+        for way in ways_of(strategy):
+            errors = transfer_and_measure(footage, strategy, way).errors
+            for degrees in TILTS:
+                near = errors[max(0, degrees - 1 - BESIDE) : degrees + BESIDE]
+                yield Setting(
+                    "tilt", part.name, seed, "6 DoF", "resampled", strategy, way, "tilt, degrees", float(degrees)
+                ).run(near)
+
+
+def clipped_runs(part: Part, seed: int) -> Iterator[Run]:
+    """Errors at each share of the outline that a border hides; of RRP nothing, whose outline would be the tracker's."""
+    footage = clipped_footage(part, seed)
+    if footage is None:
+        return
+    for strategy in (s for s in COMPARED if s not in TRACKED):
+        for way in ways_of(strategy):
+            errors = transfer_and_measure(footage, strategy, way).errors
+            for percent in CLIPPED:
+                near = errors[percent - 1 - BESIDE : percent + BESIDE]
+                yield Setting(
+                    "clipped", part.name, seed, "6 DoF", "resampled", strategy, way, "hidden, %", float(percent)
+                ).run(near)
+
+
+def population_tables(runs: Sequence[Run], left_out: dict[str, str]) -> list[Table]:
+    """Tables P (paths), T (tilt) and K (clipped).
+
+    Args:
+        runs: of all shapes and seeds.
+        left_out: reasons by shape.
+    """
+    paths = [r for r in runs if r.experiment == "paths"]
+    shapes, seeds = len({r.shape for r in paths}), len({r.seed for r in paths})
+    notes = (
+        f"{seeds} {'seeds' if seeds > 1 else 'seed'} of each shape.",
+        *SUMMARY_NOTES,
+        *(f"{way}: {meaning}." for way, meaning in WAYS.items()),
+        "paper-*: to the letter, see Table VI; a prediction they do not know.",
+    )
+    left = f"Left out: {', '.join(left_out)}: no grasp that every strategy can describe." if left_out else ""
+    tilt = [r for r in runs if r.experiment == "tilt"]
+    clipped = [r for r in runs if r.experiment == "clipped"]
+    clipped_shapes = len({r.shape for r in clipped})
+    return [
+        _table(
+            "P",
+            f"Sequence errors on {shapes} shapes",
+            paths,
+            ("motion", "contours"),
+            (*notes, *([left] if left else [])),
+        ),
+        _table(
+            "T",
+            "Errors against tilt, contours sampled anew, one degree more from frame to frame",
+            tilt,
+            ("varied", "value"),
+            (*notes, f"Each tilt with {BESIDE} frames before and after it; a perfect tracker of 4 DoF carries RRP."),
+        ),
+        _table(
+            "K",
+            "Outlines that a border cuts, one per cent more from frame to frame, 6 DoF",
+            clipped,
+            ("varied", "value"),
+            (
+                *notes,
+                f"Of {clipped_shapes} shapes: those whose contacts stay in view on an outline that stays in one piece. Each "
+                f"share of the outline's length with {BESIDE} frames before and after it. The grasp is given on the whole "
+                "outline of the first view.",
+            ),
+        ),
+    ]
+
+
+def _table(number: str, title: str, runs: Sequence[Run], by: tuple[str, ...], notes: tuple[str, ...]) -> Table:
+    """Runs summarised by what they have in common."""
+    heads = (*by, "strategy", "way")
+    groups: dict[tuple[Cell, ...], list[Run]] = {}
+    for r in runs:
+        groups.setdefault(tuple(getattr(r, name) for name in heads), []).append(r)
+    rows = tuple((*key, *summarize(group)) for key, group in groups.items())
+    shown = tuple("" if name == "value" else name for name in by)
+    varied = runs[0].varied if runs else "value"
+    if "value" in by:
+        rows = tuple(row[1:] for row in rows)
+        shown = (varied,)
+    return Table(number, title, (*shown, "strategy", "way", *SUMMARY), rows, notes)

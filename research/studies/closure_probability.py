@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How much the closure probability gives away: against contacts drawn, slid along the outline, and judged one by one."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+import grasptrack as gt
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.closure_probability import chance_of_closing
+from grasptrack.grasp.contact_regions import regions_of
+from grasptrack.grasp.force_closure import closes_after, closes_at
+from grasptrack.typing import Floats
+from grasptrack_bench.simulation import SHAPES
+from research.studies import common
+
+SIZE, FRICTION = 175.0, 0.5
+SIGMAS = (0.1, 0.5, 1.0, 2.0, 5.0)
+TILTED = np.array([[0.9, 0.2, 10.0], [-0.15, 1.1, 5.0], [3e-4, -2e-4, 1.0]])
+
+
+def sample_covariances(rng: np.random.Generator, fingers: int, sigma: float) -> Floats:
+    """(k, 2, 2) px^2 of any direction, with a mean variance of sigma^2."""
+    A = rng.normal(size=(fingers, 2, 2))
+    C = A @ np.swapaxes(A, 1, 2)
+    return np.asarray(C * (2.0 * sigma**2 / np.trace(C, axis1=1, axis2=2))[:, None, None])
+
+
+def probability_row(sigma: float, drawn: Floats, draws: int) -> list[str]:
+    """Of grasps (n, 3): the probability given, and the shares that close when slid along the outline, and when moved to it."""
+    chance, slid, snapped = drawn.T
+
+    def count_above(share: Floats) -> str:
+        noise = np.sqrt(np.maximum(share * (1.0 - share), 1.0 / draws) / draws)
+        return str(int((chance > share + 3.0 * noise).sum()))
+
+    less = slid - chance
+    shares = (slid.mean(), chance.mean(), np.median(less), np.percentile(less, 95))
+    return [f"{sigma:g}", str(len(drawn)), *(f"{v:.3f}" for v in shares), count_above(slid), count_above(snapped)]
+
+
+def main() -> None:
+    """Run and print."""
+    parser = common.create_parser(__doc__)
+    parser.add_argument("--shapes", default=",".join(SHAPES))
+    parser.add_argument("--draws", type=int, default=500)
+    parser.add_argument("--grasps", type=int, default=3, help="of each part: the best, the tenth, and between")
+    asked = parser.parse_args()
+    common.begin_section("The chance of closing")
+    rng, rows = np.random.default_rng(0), []
+    for fingers in (2, 3):
+        found: dict[float, list[tuple[float, float, float]]] = {sigma: [] for sigma in SIGMAS}
+        once = []
+        for name in asked.shapes.split(","):
+            view = common.outline_of([polygon * SIZE + (320.0, 240.0) for polygon in SHAPES[name]().polygons])
+            listed = gt.synthesize(view, fingers, FRICTION, None, 10)
+            for at in sorted({round(i) for i in np.linspace(0, len(listed) - 1, asked.grasps)} if listed else ()):
+                began = time.perf_counter()
+                regions = regions_of(listed[at], view, FRICTION)
+                once.append(1e3 * (time.perf_counter() - began))
+                current = apply_homography(TILTED, regions.contacts)
+                for sigma in SIGMAS:
+                    C = sample_covariances(rng, fingers, sigma)
+                    drawn = [rng.multivariate_normal(c, v, asked.draws) for c, v in zip(current, C, strict=True)]
+                    back = apply_homography(np.linalg.inv(TILTED), np.stack(drawn, axis=1).reshape(-1, 2))
+                    back = back.reshape(asked.draws, fingers, 2)
+                    slips = ((back - regions.contacts) * regions.tangents).sum(axis=2)
+                    slid = float(closes_after(view, regions.contacts, slips, FRICTION).mean())
+                    snapped = float(closes_at(view, back, FRICTION).mean())
+                    found[sigma].append((chance_of_closing(regions, C, TILTED), slid, snapped))
+        C = sample_covariances(rng, fingers, 0.3)
+        spent = 1e6 * np.median(common.time_calls(chance_of_closing, [(regions, C, TILTED, current)] * 300))
+        rows += [
+            [str(fingers), *probability_row(sigma, np.array(grasps), asked.draws)] for sigma, grasps in found.items()
+        ]
+        common.add_paragraph(
+            f"{fingers} fingers: regions {np.median(once):.1f} ms once, chance {spent:.1f} us a frame."
+        )
+    heads = ["error px", "grasps", "closes, slid", "chance", "less: median", "95 %", "above slid", "above nearest"]
+    common.add_table(["fingers", *heads], rows)
+    common.write_sections(asked.output)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the studies share: the clock, the machine, tables, the file of results."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import platform
+import re
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import cv2
+import numpy as np
+
+from grasptrack import kernels
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.io.results import describe_machine
+from grasptrack.typing import Floats
+from grasptrack_bench.method import Maker, Start
+from grasptrack_bench.metrics.score import Score, Truth
+from grasptrack_bench.simulation import SceneFrame
+
+cv2.setNumThreads(1)
+
+COMMAND = "python -m research.studies"
+PREFACE = f"""# Results of the studies
+
+Written by the studies themselves, each its own section with the command above it: `{COMMAND}.NAME --output
+docs/results.md`. How to read them is in [benchmarks.md](benchmarks.md)."""
+
+Case = TypeVar("Case")
+Outcome = TypeVar("Outcome")
+
+_sections: list[tuple[str, list[str]]] = []  # title and paragraphs of what was shown so far
+
+
+# --- options, data, work -------------------------------------------------------------------------
+
+
+def create_parser(description: str | None) -> argparse.ArgumentParser:
+    """Options of a study, with the one that they all have."""
+    made = argparse.ArgumentParser(description=description)
+    made.add_argument("--output", type=Path, help="Markdown file in which the sections of this study are written anew")
+    return made
+
+
+def data_folder() -> Path:
+    """Where photos, videos and silhouettes lie: GRASPTRACK_DATA, or ../shared/data beside the repository."""
+    given = os.environ.get("GRASPTRACK_DATA")
+    return Path(given) if given else Path(__file__).resolve().parents[3] / "shared" / "data"
+
+
+def run_all(function: Callable[[Case], Outcome], cases: Sequence[Case], workers: int) -> list[Outcome]:
+    """What a function makes of each case, in so many processes; one needs none."""
+    if workers <= 1:
+        return [function(case) for case in cases]
+    with ProcessPoolExecutor(workers) as pool:
+        return list(pool.map(function, cases))
+
+
+def outline_of(polygons: Iterable[Floats], spacing: float = 1.0) -> View:
+    """Polygons (N, 2) px, outer first, as contours with a point at about every `spacing` px."""
+    contours = []
+    for i, polygon in enumerate(polygons):
+        length = float(np.hypot(*(np.roll(polygon, -1, axis=0) - polygon).T).sum())
+        points = kernels.resample(np.ascontiguousarray(polygon), max(24, round(length / spacing)), 0.0)
+        contours.append(Contour.trusted(points, hole=i > 0))
+    return View(contours)
+
+
+# --- the clock -----------------------------------------------------------------------------------
+
+
+def time_calls(call: Callable[..., object], pool: Iterable[tuple[object, ...]]) -> Floats:
+    """(n,) s of a call over a pool of arguments, each used once, the collector at rest."""
+    clock = time.perf_counter_ns
+    taken = []
+    gc.collect()
+    gc.disable()
+    try:
+        for arguments in pool:
+            start = clock()
+            call(*arguments)
+            taken.append(clock() - start)
+    finally:
+        gc.enable()
+    return 1e-9 * np.array(taken, dtype=np.float64)
+
+
+def score_alone(make: Maker, start: Start, frames: Sequence[SceneFrame]) -> Score:
+    """The score of one method that runs by itself, with the latency of each update."""
+    method, score = make(start), Score("")
+    for frame in frames:
+        began = time.perf_counter()
+        result = method.update(frame.image, frame.time)
+        taken = 1e3 * (time.perf_counter() - began)
+        score.add(replace(result, latency_ms=taken), Truth.of_scene(frame))
+    return score
+
+
+def update_latencies(score: Score) -> Floats:
+    """(n,) ms of the updates after the first, which also chooses a grasp."""
+    return np.array([frame.latency_ms for frame in score.frames[1:]])
+
+
+# --- what is shown -------------------------------------------------------------------------------
+
+
+def describe_setup() -> str:
+    """One line that says what the figures were measured on."""
+    return (
+        f"{describe_machine()}, one thread; Python {platform.python_version()}, "
+        f"NumPy {np.__version__}, OpenCV {cv2.__version__}, kernels: {kernels.BACKEND}"
+    )
+
+
+def begin_section(title: str) -> None:
+    """Title, machine, and the command that repeats the run: a section begins."""
+    command = " ".join([f"{COMMAND}.{Path(sys.argv[0]).stem}", *sys.argv[1:]])
+    print(f"\n{title}\n{describe_setup()}\n$ {command}\n")
+    _sections.append((title, [f"`{command}`", f"{describe_setup()}."]))
+
+
+def add_paragraph(text: str) -> None:
+    """A sentence above or below a table."""
+    print(text)
+    _record_paragraph(text)
+
+
+def add_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """A plain table; figures to the right, words to the left."""
+    listed = [[_format_cell(c) for c in row] for row in rows]
+    widths = [max(len(r[i]) for r in [list(head), *listed]) for i in range(len(head))]
+    number = [all(not r[i] or r[i][0] in "-+.0123456789" for r in listed) for i in range(len(head))]
+    for k, row in enumerate([list(head), *listed]):
+        print("  ".join(c.rjust(w) if n else c.ljust(w) for c, w, n in zip(row, widths, number, strict=True)).rstrip())
+        if k == 0:
+            print("  ".join("-" * w for w in widths))
+    print()
+    rule = ["---:" if n else "---" for n in number]
+    _record_paragraph("\n".join(f"| {' | '.join(row)} |" for row in [list(head), rule, *listed]))
+
+
+def write_sections(path: Path | None) -> None:
+    """Write all sections of this run to a file of results, in the place of those with the same titles."""
+    if path is not None:
+        for title, paragraphs in _sections:
+            replace_section(path, title, "\n\n".join(paragraphs))
+
+
+def replace_section(path: Path, title: str, text: str) -> None:
+    """Put a section into a Markdown file, made when missing: where the one with this title is, else at the end."""
+    whole = path.read_text(encoding="utf-8") if path.exists() else PREFACE
+    before, *parts = re.split(r"^## ", whole, flags=re.MULTILINE)
+    sections = {part.partition("\n")[0]: part.partition("\n")[2].strip() for part in parts}
+    sections[title] = text.strip()
+    body = "".join(f"\n\n## {name}\n\n{content}" for name, content in sections.items())
+    path.write_text(f"{before.strip()}{body}\n", encoding="utf-8")
+
+
+def _record_paragraph(paragraph: str) -> None:
+    if _sections:
+        _sections[-1][1].append(paragraph)
+
+
+def _format_cell(value: object) -> str:
+    """Three digits, and no powers of ten in a range where a person would write none."""
+    if not isinstance(value, float):
+        return str(value)
+    if np.isnan(value):
+        return ""
+    return f"{value:,.0f}" if 100.0 <= abs(value) < 1e7 else f"{value:.3g}"
+
+
+def write_numbers(path: Path, entries: Mapping[str, object]) -> None:
+    """A JSON file with an entry a line, as those of the package's numbers."""
+    lines = [f"  {json.dumps(name)}: {json.dumps(entry)}" for name, entry in entries.items()]
+    path.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")

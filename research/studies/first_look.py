@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The first look on photos: is the object found first, or among three; is its probability true; and the fit of its numbers.
+
+With `--segmenter u2netp` (see `grasptrack models`) the net's map takes part. `--fit` fits what `choice.json` says of
+probabilities to all hints but polygons, and leaves out each kind of object in turn for the figures beside it.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from grasptrack.errors import ObservationError
+from grasptrack.segmentation.candidate_search import CandidateSearch
+from grasptrack.segmentation.choice import Signs, tie_factor
+from grasptrack.segmentation.first_look import distinct_candidates, first_look
+from grasptrack.segmentation.hints import Hints, make_hints
+from grasptrack.segmentation.proposals import GIVEN, THRESHOLD
+from grasptrack.segmentation.regions import Region, Segmenter
+from grasptrack.segmentation.segmenters import SalientNet, segmenter_for
+from grasptrack.typing import Bools, Floats, Pixels
+from grasptrack_bench.metrics.mask_agreement import (
+    ENOUGH_F,
+    ENOUGH_IOU,
+    boundary_f,
+    intersection_over_union,
+    mask_of,
+)
+from research.studies import common
+from research.studies.polygons import mask_corners, move_corners
+from research.studies.segmentation import Photo, read_photos
+
+HINTS = ("nothing", "pixel", "box", "polygon")
+BINS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)
+FITTED = ("nothing", "pixel", "box")
+SURE = 0.9
+RIDGE = 1.5
+"""Of the logistic fit, on the weights of terms of unit variance: the terms are few and the photos, too."""
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What the first look made of one photo with one hint."""
+
+    kind: str
+    scene: str
+    hint: str
+    first: bool
+    three: bool
+    probability: float
+    signs: Signs
+    ms: float
+
+
+class Remembered:
+    """A segmenter that knows nothing of hints, asked once for each image, however often the same image is looked at."""
+
+    def __init__(self, segmenter: Segmenter) -> None:
+        self._segmenter, self._of, self._found = segmenter, -1, list[Region]()
+
+    def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
+        """See Segmenter."""
+        if self._of != image.ctypes.data:
+            self._of, self._found = image.ctypes.data, list(self._segmenter.regions(image, hints))
+        return self._found
+
+
+def is_found(truth: Bools, view: Any) -> bool:
+    """Whether an outline counts as the object: boundary and area agree with its mask."""
+    return is_mask_found(truth, mask_of(view, (truth.shape[0], truth.shape[1])))
+
+
+def is_mask_found(truth: Bools, mask: Bools) -> bool:
+    """The same of a mask (H, W)."""
+    return boundary_f(truth, mask) >= ENOUGH_F and intersection_over_union(truth, mask) >= ENOUGH_IOU
+
+
+def evaluate_photo(photo: Photo, kind: str, hint: str, segmenter: Any) -> Looked:
+    """One photo with one hint: the deepest pixel of the mask, its bounding box, or a rough polygon."""
+    told: dict[str, Any] = {}
+    if hint == "pixel":
+        told["object_at"] = photo.deepest()
+    if hint == "box":
+        y, x = np.nonzero(photo.truth)
+        told["box"] = float(x.min()), float(y.min()), float(np.ptp(x)) + 1.0, float(np.ptp(y)) + 1.0
+    if hint == "polygon":
+        told["outline"] = move_corners(mask_corners(photo.truth), 0)
+    start = time.perf_counter()
+    try:
+        found = first_look(photo.image, segmenter=segmenter, **told)
+    except ObservationError:
+        found = []
+    ms = (time.perf_counter() - start) * 1e3
+    right = [is_found(photo.truth, c.view) for c in distinct_candidates(found)]
+    first = found[0] if found else None
+    return Looked(
+        kind,
+        photo.scene,
+        hint,
+        bool(right and right[0]),
+        any(right),
+        first.probability if first else 0.0,
+        Signs(np.nan_to_num(first.rating), np.nan_to_num(first.lead, posinf=math.inf), first.returned)
+        if first
+        else Signs(0.0, 0.0, 0.0),
+        ms,
+    )
+
+
+def generator_rows(photos: Sequence[Photo], segmenter: Segmenter | None) -> list[list[Any]]:
+    """For each source of proposals: of how many photos it holds a right one, given the pixel, and of how many no other does."""
+    held: dict[str, list[bool]] = {}
+    for photo in photos:
+        hints = make_hints(photo.image.shape[:2], photo.deepest())
+        right = dict.fromkeys(("thresholds", "closed edges", "quadrangles and the segmenter"), False)
+        for proposal in CandidateSearch(photo.image, hints, segmenter).meant:
+            source = list(right)[2 if proposal.recipe == GIVEN else int(proposal.recipe != THRESHOLD)]
+            mask = np.zeros(photo.truth.shape, np.uint8)
+            cv2.drawContours(mask, [proposal.silhouette.outer.reshape(-1, 1, 2)], -1, (1,), cv2.FILLED)
+            right[source] |= is_mask_found(photo.truth, mask > 0)
+        for source, one in right.items():
+            held.setdefault(source, []).append(one)
+    table = np.array(list(held.values()))
+    alone = table & (table.sum(axis=0) == 1)
+    rows: list[list[Any]] = [
+        [source, 100.0 * float(one.mean()), 100.0 * float(own.mean())]
+        for source, one, own in zip(held, table, alone, strict=True)
+    ]
+    return [*rows, ["all together", 100.0 * float(table.any(axis=0).mean()), math.nan]]
+
+
+def fit_logistic(terms: Floats, right: Bools, factor: Floats | float = 1.0) -> Floats:
+    """(1 + k,) constant and weights of a logistic function of terms (n, k), with a ridge; what it is multiplied by is given."""
+    from scipy.optimize import minimize  # of the development extras
+
+    middle, spread = terms.mean(axis=0), terms.std(axis=0) + 1e-9
+    scaled = np.column_stack([np.ones(len(terms)), (terms - middle) / spread])
+
+    def logistic_cost(weights: Floats) -> float:
+        told = np.clip(factor / (1.0 + np.exp(-scaled @ weights)), 1e-9, 1.0 - 1e-9)
+        return float(RIDGE * (weights[1:] ** 2).sum() - np.log(np.where(right, told, 1.0 - told)).sum())
+
+    found = np.asarray(minimize(logistic_cost, np.zeros(scaled.shape[1])).x, dtype=np.float64)
+    slopes = found[1:] / spread
+    return np.concatenate([[found[0] - float(slopes @ middle)], slopes])
+
+
+def cross_validated(looked: Sequence[Looked]) -> Floats:
+    """(n,) probabilities of being right, those of each kind of object by a fit to the others."""
+    terms, ties = np.array([r.signs.terms for r in looked]), np.array([tie_factor(r.signs.lead) for r in looked])
+    right, kinds = np.array([r.first for r in looked]), np.array([r.kind for r in looked])
+    told = np.zeros(len(looked))
+    for kind in set(kinds.tolist()):
+        mine = kinds == kind
+        weights = fit_logistic(terms[~mine], right[~mine], ties[~mine])
+        told[mine] = ties[mine] / (1.0 + np.exp(-weights[0] - terms[mine] @ weights[1:]))
+    return told
+
+
+def reliability_rows(told: Floats, right: Bools) -> list[list[Any]]:
+    """For each bin of a probability: how many there are, how many are right as told, and how many are."""
+    rows: list[list[Any]] = []
+    for low, high in pairwise(BINS):
+        mine = (told >= low) & (told < high + (high == 1.0))
+        if mine.any():
+            rows.append([f"{low:g} to {high:g}", int(mine.sum()), float(told[mine].sum()), int(right[mine].sum())])
+    return rows
+
+
+def report_fit(looked: Sequence[Looked]) -> None:
+    """The numbers of probabilities fitted to all hints but polygons, and what they are worth on kinds that were left out."""
+    fitted = [r for r in looked if r.hint in FITTED and r.probability > 0.0]
+    right = np.array([r.first for r in fitted])
+    ties = np.array([tie_factor(r.signs.lead) for r in fitted])
+    weights = fit_logistic(np.array([r.signs.terms for r in fitted]), right, ties)
+    wrong = [r for r in fitted if not r.first]
+    among = float(np.mean([r.three for r in wrong])) if wrong else 0.0
+    names = ("offset", "rating", "lead", "returned")
+    numbers = ", ".join(f'"{name}": {w:.2f}' for name, w in zip(names, weights.tolist(), strict=True))
+    common.add_paragraph(f'Fitted to {len(fitted)} looks: {numbers}, "among": {among:.2f}')
+    drawn = [r for r in looked if r.hint == "polygon" and r.probability > 0.0]
+    terms = np.array([[r.signs.terms[2]] for r in drawn])
+    offset, returned = fit_logistic(terms, np.array([r.first for r in drawn])).tolist()
+    common.add_paragraph(f'Fitted to {len(drawn)} polygons: "offset": {offset:.2f}, "returned": {returned:.2f}')
+    told = cross_validated(fitted)
+    rows = []
+    for hint in FITTED:
+        mine = np.array([r.hint == hint for r in fitted])
+        sure, order = mine & (told >= SURE), np.flatnonzero(mine)[np.argsort(-told[mine])]
+        half = right[order[: (len(order) + 1) // 2]]
+        rows.append([hint, int(mine.sum()), int(sure.sum()), int(right[sure].sum()), 100.0 * float(half.mean())])
+    common.add_paragraph("Each kind of object by a fit to the others:")
+    common.add_table(["hint", "photos", f"sure at {SURE:g}", "of these right", "right of the surest half, %"], rows)
+    common.add_table(["probability, all three hints", "looks", "right as told", "right"], reliability_rows(told, right))
+
+
+def main() -> None:
+    """Run the study."""
+    parser = common.create_parser(__doc__)
+    parser.add_argument("--data", type=Path, default=common.data_folder(), help="folder with tools/")
+    parser.add_argument("--segmenter", help='as `track --segmenter`; "classical" if not given')
+    parser.add_argument("--only", metavar="NAME", help="photos whose names contain this")
+    parser.add_argument("--fit", action="store_true", help="print numbers of probabilities fitted to these photos")
+    args = parser.parse_args()
+    folder = args.data / "tools"
+    if not (folder / "index.csv").is_file():
+        raise SystemExit(f"no tools/index.csv in {args.data}: give --data or set GRASPTRACK_DATA")
+    photos = read_photos(folder, args.only)
+    if not photos:
+        raise SystemExit(f'no photo has "{args.only}" in its name')
+    with (folder / "index.csv").open(newline="", encoding="utf-8") as file:
+        kinds = {row["name"]: row.get("classes", row["name"]) for row in csv.DictReader(file)}
+    given = segmenter_for(args.segmenter)
+    segmenter = Remembered(given) if isinstance(given, SalientNet) else given
+    common.begin_section(f"First look: photos of one tool each, {args.segmenter or 'classical'}")
+    looked = [evaluate_photo(photo, kinds[photo.name], hint, segmenter) for photo in photos for hint in HINTS]
+    rows = []
+    for hint in HINTS:
+        for scene in [*sorted({r.scene for r in looked}), "all"]:
+            mine = [r for r in looked if r.hint == hint and scene in (r.scene, "all")]
+            shares = [100.0 * float(np.mean([getattr(r, what) for r in mine])) for what in ("first", "three")]
+            rows.append([hint, scene, len(mine), *shares, *np.percentile([r.ms for r in mine], (50, 99)).tolist()])
+    common.add_table(["hint", "scene", "photos", "first %", "one of three %", "median ms", "99 % ms"], rows)
+    common.add_paragraph(
+        "The time of a net that maps salient objects is in the first hint's alone: it is asked once for each photo."
+    )
+    mine = [r for r in looked if r.hint == "nothing"]
+    told, right = np.array([r.probability for r in mine]), np.array([r.first for r in mine])
+    common.add_table(["probability, no hint", "photos", "right as told", "right"], reliability_rows(told, right))
+    common.add_paragraph("Photos with a right region among all that are proposed, given the pixel:")
+    common.add_table(["source", "holds one, %", "alone, %"], generator_rows(photos, segmenter))
+    if args.fit:
+        report_fit(looked)
+    common.write_sections(args.output)
+
+
+if __name__ == "__main__":
+    main()

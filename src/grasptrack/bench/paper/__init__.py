@@ -1,6 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""Section V rerun: the paper's tables, ours and the paper's transfers to the letter, beside the printed values."""
-
-from grasptrack.bench.paper.run import QUICK, Extent, PaperRun, Series, run_paper
-
-__all__ = ["QUICK", "Extent", "PaperRun", "Series", "run_paper"]

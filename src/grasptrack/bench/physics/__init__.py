@@ -1,7 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""A physical world: a flat part on a table, and a hand that can take it. Needs the extra `sim`."""
-
-from grasptrack.bench.physics.setting import ARMS, SCENARIOS
-from grasptrack.bench.physics.world import World
-
-__all__ = ["ARMS", "SCENARIOS", "World"]
