@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.bench.simulation import demo_scene
+from grasptrack.demo import demo_scene
 
 
 def segment(image: np.ndarray) -> np.ndarray:

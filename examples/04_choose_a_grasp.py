@@ -7,7 +7,7 @@ Replace `still_life()` with `cv2.imread("photo.jpg")` for your own image; `find_
 from pathlib import Path
 
 import grasptrack as gt
-from grasptrack.bench.simulation import still_life
+from grasptrack.demo import still_life
 from grasptrack.segmentation.first_look import find_objects
 from grasptrack.view.grasps import Planned, write_grasps
 

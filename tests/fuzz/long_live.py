@@ -27,9 +27,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.bench.simulation import demo_scene
 from grasptrack.bench.studies.live_page import CLIENT, Played
 from grasptrack.bench.studies.loop import resident_mb
+from grasptrack.demo import demo_scene
 from grasptrack.live import commands as told
 from grasptrack.live.server import PageServer
 from grasptrack.live.session import LiveSession

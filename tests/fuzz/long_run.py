@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from grasptrack import GraspTracker
-from grasptrack.bench.demo import demo_scene
 from grasptrack.bench.studies.loop import resident_mb
+from grasptrack.demo import demo_scene
 from grasptrack.errors import InputError
 
 FRAMES = 60

@@ -21,9 +21,9 @@ import numpy as np
 
 from grasptrack import GraspTracker
 from grasptrack.bench import suites
-from grasptrack.bench.demo import demo_scene
 from grasptrack.bench.records import write_records
 from grasptrack.cli.main import main
+from grasptrack.demo import demo_scene
 
 FRAMES = 12
 

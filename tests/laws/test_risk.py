@@ -21,9 +21,9 @@ from hypothesis import strategies as st
 
 from grasptrack.bench.approach import choosing
 from grasptrack.bench.approach.trial import Looking
-from grasptrack.bench.demo import run_demo
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.cli.main import main
+from grasptrack.demo import run_demo
 from grasptrack.errors import InputError
 from grasptrack.trackability import inspect
 from grasptrack.tracking import follower

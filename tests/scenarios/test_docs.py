@@ -280,7 +280,7 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
         ("grasptrack.live", {"live", "cli", "bench"}),
         ("av", {"io"}),
         ("matplotlib", {"view"}),
-        ("cv2", {"bench", "io", "segmentation", "snake", "trackability", "tracking", "view"}),
+        ("cv2", {"bench", "demo", "io", "segmentation", "snake", "trackability", "tracking", "view"}),
         ("grasptrack.bench", {"bench", "cli"}),
         ("grasptrack.snake", {"snake", "bench", "tracking"}),
         ("_grasptrack_native", {"kernels"}),

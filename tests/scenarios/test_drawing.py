@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import grasptrack as gt
-from grasptrack.bench.simulation.scene import demo_scene
+from grasptrack.demo import demo_scene
 from grasptrack.view.draw import draw_grasps, draw_overlay
 
 

@@ -7,7 +7,6 @@ import csv
 import math
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -47,35 +46,24 @@ class RenderedSource(Source):
             yield frame.image, frame.time, frame.name
 
 
-class ContactErrors:
+def contact_errors(results: Sequence[TrackResult], frames: Sequence[DemoFrame]) -> tuple[list[float], int]:
     """How far contacts are off; the truth of a grasp is its first contacts, moved by the true motion.
 
-    Attributes:
-        distances: px, of every contact of every located frame but those in which a grasp began.
-        wrong: frames with a contact off by more than 3 px and 4 % of the square root of the part's area.
+    Returns:
+        px of every contact of every located frame but those in which a grasp began, and the number of frames with a contact
+        off by more than 3 px and 4 % of the square root of the part's area.
     """
-
-    def __init__(self) -> None:
-        self.distances: list[float] = []
-        self.wrong = 0
-        self._grasp: int | None = None
-        self._first: Floats | None = None
-
-    def add(self, result: TrackResult, truth: DemoFrame) -> None:
-        """One more frame."""
-        if result.contacts is None:
-            return
-        if self._first is None or result.grasp_id != self._grasp:
+    distances: list[float] = []
+    wrong, first = 0, dict[int | None, Floats]()
+    for result, truth in zip(results, frames, strict=True):
+        if result.contacts is not None and result.grasp_id in first:
+            off = np.hypot(*(result.contacts - truth.contacts(first[result.grasp_id])).T)
+            distances += off.tolist()
+            wrong += bool(off.max() > max(3.0, 0.04 * math.sqrt(truth.area)))
+        elif result.contacts is not None:
             back = np.linalg.inv(truth.H_current_reference)
-            self._grasp, self._first = result.grasp_id, apply_homography(back, result.contacts)
-            return
-        off = np.hypot(*(result.contacts - truth.contacts(self._first)).T)
-        self.distances += off.tolist()
-        self.wrong += bool(off.max() > max(3.0, 0.04 * math.sqrt(truth.area)))
-
-    def percentile(self, percent: float) -> float:
-        """px; NaN where there is nothing to measure."""
-        return float(np.percentile(self.distances, percent)) if self.distances else math.nan
+            first[result.grasp_id] = apply_homography(back, result.contacts)
+    return distances, wrong
 
 
 def run_demo(
@@ -108,7 +96,7 @@ def run_demo(
         InputError: the folder cannot be written.
     """
     prepare_output(output)
-    tell = progress if progress is not None else _tell_nobody
+    tell: Progress = progress if progress is not None else lambda step, done, total: None
     scene = demo_scene(frames)
     rendered: list[DemoFrame] = []
     writer = VideoWriter(output / "scene.mp4", scene.fps) if video else None
@@ -125,17 +113,13 @@ def run_demo(
     return [_track_scene(name, risk, rendered, scene.fps, output / name, video, tell) for name in strategies]
 
 
-def _tell_nobody(step: str, done: int, total: int) -> None:
-    pass
-
-
 def _track_scene(
     strategy: str, risk: float, frames: Sequence[DemoFrame], fps: float, output: Path, video: bool, tell: Progress
 ) -> dict[str, float | int | str]:
-    errors = ContactErrors()
+    results: list[TrackResult] = []
 
-    def measure(frame: Frame, result: TrackResult) -> None:
-        errors.add(result, frames[frame.index])
+    def keep(frame: Frame, result: TrackResult) -> None:
+        results.append(result)
         tell(strategy, frame.index + 1, len(frames))
 
     run = run_track(
@@ -144,18 +128,20 @@ def _track_scene(
         output,
         video=video,
         options={"strategy": strategy, "risk": risk, "scene": "demo", "frames": len(frames)},
-        on_frame=measure,
+        on_frame=keep,
     )
+    distances, wrong = contact_errors(results, frames)
+    median, most, largest = np.percentile(distances or [math.nan], [50, 95, 100]).tolist()
     reasons = {reason: n for status in ("lost", "searching") for reason, n in run.reasons[status].items()}
     return {
         "strategy": strategy,
         "frames": run.frames,
         **run.counts,
         "reason": max(reasons, key=lambda reason: reasons[reason], default=""),
-        "error_median_px": errors.percentile(50),
-        "error_p95_px": errors.percentile(95),
-        "error_max_px": errors.percentile(100),
-        "false_accepts": errors.wrong,
+        "error_median_px": median,
+        "error_p95_px": most,
+        "error_max_px": largest,
+        "false_accepts": wrong,
         "latency_median_ms": run.latency_median_ms,
         "latency_p99_ms": run.latency_p99_ms,
     }

@@ -22,8 +22,8 @@ SIDE, EXTENT = 3072, 3.75
 """px of the square drawing, and table units from its middle to its sides; the camera never sees beyond."""
 GRAIN = 1280
 """px of the same square at which materials are made: in images they are about as fine as a pixel."""
-SOFT, FINER = 0.8, 2
-"""px of the drawing by which it is blurred, and sub-pixels of an image along each axis: together they keep edges from aliasing."""
+SOFT, FINER = 1.1, 2
+"""px of the drawing by which it is blurred, and sub-pixels of an image along each axis: edges do not alias."""
 METAL, WOOD, LAMINATE = (66, 54, 47), (152, 190, 214), (188, 190, 190)
 """BGR."""
 VIGNETTE, DRIFT = 0.14, 0.06
@@ -146,7 +146,9 @@ def demo_scene(
     wave = 2.0 * math.pi * u
     lean = np.clip((u - 0.3) / 0.6, 0.0, 1.0)
     K = _intrinsics(width, height)
-    target = np.column_stack([0.22 * np.sin(wave), -0.16 * np.sin(2.0 * wave)])  # where the optical axis meets the table
+    target = np.column_stack(
+        [0.22 * np.sin(wave), -0.16 * np.sin(2.0 * wave)]
+    )  # where the optical axis meets the table
     distance = 4.4 - 0.65 * np.sin(0.5 * wave) ** 2 + 0.12 * (1.0 - np.cos(2.0 * wave))
     roll = math.radians(70.0) * np.sin(0.5 * wave) ** 2 - math.radians(14.0) * np.sin(wave)
     tilt = math.radians(28.0) * np.sin(math.pi * lean) ** 2
@@ -163,8 +165,12 @@ def demo_scene(
     return DemoScene(part, drawing, table_to_image, width=width, height=height, colour=colour, seed=seed)
 
 
-LIE = (("spanner", 1.0, -1.0, -0.7, 0.5), ("gasket", 1.0, 0.75, 0.8, 0.35), ("plate", 0.75, 1.55, -0.75, -0.3))
-LIE += (("disc", 0.6, -1.2, 0.95, 0.0),)
+LIE = (
+    ("spanner", 1.0, -1.0, -0.7, 0.5),
+    ("gasket", 1.0, 0.75, 0.8, 0.35),
+    ("plate", 0.75, 1.55, -0.75, -0.3),
+    ("disc", 0.6, -1.2, 0.95, 0.0),
+)
 """Of each part of a still life: name, square root of its area, x and y in table units, turn in rad."""
 STILL_DISTANCE = 5.415
 """Table units from the camera to a still life: 130 px a unit in an image 640 px wide."""
@@ -258,20 +264,22 @@ def _noise(rng: np.random.Generator, size: int, sx: float, sy: float) -> Floats3
     return np.asarray(field / field.std(), np.float32)
 
 
-def _enlarge(relief: Floats32, colour: tuple[int, int, int], side: int = SIDE) -> Pixels:
+def _enlarge(relief: Floats | Floats32, colour: tuple[int, int, int], side: int = SIDE) -> Pixels:
     """(side, side, 3) BGR: a relief around 1 times a colour."""
     large = cv2.resize(np.asarray(relief, np.float32), (side, side), interpolation=cv2.INTER_CUBIC)
     return np.asarray(cv2.merge([cv2.convertScaleAbs(large, alpha=channel) for channel in colour]), np.uint8)
 
 
-def _wood(rng: np.random.Generator, planks: int = 7) -> Pixels:
+def _wood(rng: np.random.Generator, planks: int = 5) -> Pixels:
     """(SIDE, SIDE, 3) BGR: planks with year rings, fibres and faint seams."""
     across = np.arange(GRAIN) * planks / GRAIN
     plank = across.astype(np.int64)
     bend = _noise(rng, GRAIN, 170.0, 22.0)
     for i, slide in enumerate(rng.integers(0, GRAIN, planks)):
         bend[plank == i] = np.roll(bend[plank == i], int(slide), axis=1)
-    wave = np.sin(2.0 * np.pi * ((np.arange(GRAIN) / 21.0 + rng.uniform(0.0, 7.0, planks)[plank])[:, None] + 1.35 * bend))
+    wave = np.sin(
+        2.0 * np.pi * ((np.arange(GRAIN) / 21.0 + rng.uniform(0.0, 7.0, planks)[plank])[:, None] + 1.35 * bend)
+    )
     rings = np.sign(wave) * np.abs(wave) ** 1.6 * (0.55 + 0.45 * np.tanh(_noise(rng, GRAIN, 120.0, 30.0)))
     fine = 0.017 * _noise(rng, GRAIN, 22.0, 0.9) + 0.014 * _noise(rng, GRAIN, 160.0, 60.0)
     relief = 1.0 + 0.028 * rings + fine + rng.uniform(-0.035, 0.035, planks)[plank][:, None]
@@ -287,10 +295,13 @@ def _draw_parts(table: Pixels, parts: Sequence[Part], rng: np.random.Generator, 
         ink, font, scale, bold = np.zeros((SIDE, SIDE), np.uint8), cv2.FONT_HERSHEY_DUPLEX, 2.0, 4
         (width, height), _ = cv2.getTextSize(mark, font, scale, bold)
         cv2.putText(ink, mark, ((SIDE - width) // 2, (SIDE + height) // 2), font, scale, 255, bold, cv2.LINE_AA)
-        metal = cv2.convertScaleAbs(metal * (1.0 + ink[..., None] / np.float32(600.0)))
+        metal = np.asarray(cv2.convertScaleAbs(metal * (1.0 + ink[..., None] / np.float32(600.0))), np.uint8)
     for part in parts:
         rings = [(ring / EXTENT + 1.0) * (0.5 * SIDE) - 0.5 for ring in part]
-        (x0, y0), (x1, y1) = (np.floor(rings[0].min(axis=0) - 3).astype(int), np.ceil(rings[0].max(axis=0) + 4).astype(int))
+        (x0, y0), (x1, y1) = (
+            np.floor(rings[0].min(axis=0) - 3).astype(int),
+            np.ceil(rings[0].max(axis=0) + 4).astype(int),
+        )
         share = _coverage([ring - (x0, y0) for ring in rings], x1 - x0, y1 - y0)[..., None]
         box = table[y0:y1, x0:x1]
         box[:] = np.rint(box + share * (metal[y0:y1, x0:x1] - box.astype(np.float32)))
@@ -345,9 +356,9 @@ def _photograph(
         flags=cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REFLECT_101,
     )
-    image = cv2.resize(fine, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    sigma = 0.61 * width / 640  # with drawing and pixels themselves some 0.75 px
-    image = cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REFLECT_101)
+    sharp = cv2.resize(fine, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    sigma = 0.55 * width / 640  # with drawing and pixels themselves some 0.75 px
+    image = np.asarray(cv2.GaussianBlur(sharp, (0, 0), sigma, borderType=cv2.BORDER_REFLECT_101), np.float32)
     x, y = np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height)[:, None]
     fall = np.asarray(light * (1.0 - 0.5 * VIGNETTE * (x**2 + y**2)), np.float32)
     image *= fall[..., None] if image.ndim == 3 else fall

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from grasptrack.bench.baselines import available_baselines
-from grasptrack.bench.demo import STRATEGIES
 from grasptrack.bench.method import Maker, Start
 from grasptrack.bench.metrics.score import Score
 from grasptrack.bench.simulation import DISTURBANCES, SHAPES, SceneFrame, demo_scene
 from grasptrack.bench.studies import common
+from grasptrack.demo import STRATEGIES
 from grasptrack.tracking.tracker import GraspTracker
 
 SIZES = ((640, 480), (1280, 960))

@@ -12,12 +12,12 @@ import numpy as np
 import grasptrack as gt
 from grasptrack import kernels
 from grasptrack.bench.baselines import available_baselines
-from grasptrack.bench.demo import STRATEGIES
 from grasptrack.bench.method import Start
 from grasptrack.bench.metrics.score import Score
 from grasptrack.bench.simulation import SHAPES, Camera, SceneFrame, demo_scene, tilting_path
 from grasptrack.bench.studies import common
 from grasptrack.bench.studies.loop import strategy_maker
+from grasptrack.demo import STRATEGIES
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.first_look import find_objects
 from grasptrack.segmentation.hints import Hints
