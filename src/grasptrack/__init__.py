@@ -65,7 +65,6 @@ if TYPE_CHECKING:
     __version__: str
 
 
-
 def _png_of(result: object) -> bytes:
     from grasptrack.view.drawing import draw, png_bytes
 

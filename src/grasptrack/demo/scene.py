@@ -288,13 +288,15 @@ def _wood(rng: np.random.Generator, planks: int = 5) -> Pixels:
 
 
 def _draw_parts(table: Pixels, parts: Sequence[Part], rng: np.random.Generator, mark: str = "") -> Pixels:
-    """A table with parts of brushed metal on it; `mark` is a word printed on each at the table's middle."""
+    """A table with parts of brushed metal on it; `mark` is a word printed on what lies in the middle."""
     relief = 1.0 + 0.045 * _noise(rng, GRAIN, 30.0, 0.7) + 0.05 * _noise(rng, GRAIN, 64.0, 64.0)
     metal = _enlarge(relief, METAL)
     if mark:
         ink, font, scale, bold = np.zeros((SIDE, SIDE), np.uint8), cv2.FONT_HERSHEY_DUPLEX, 2.0, 4
         (width, height), _ = cv2.getTextSize(mark, font, scale, bold)
-        cv2.putText(ink, mark, ((SIDE - width) // 2, (SIDE + height) // 2), font, scale, 255, bold, cv2.LINE_AA)
+        cv2.putText(
+            ink, mark, ((SIDE - width) // 2 - 130, (SIDE + height) // 2 - 70), font, scale, 255, bold, cv2.LINE_AA
+        )
         metal = np.asarray(cv2.convertScaleAbs(metal * (1.0 + ink[..., None] / np.float32(600.0))), np.uint8)
     for part in parts:
         rings = [(ring / EXTENT + 1.0) * (0.5 * SIDE) - 0.5 for ring in part]
