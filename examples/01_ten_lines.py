@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Track a grasp through a sequence in ten lines. Replace `demo_scene` with `gt.open_source("video.mp4")` for your images."""
 
-from grasptrack.bench.simulation import demo_scene
-
 import grasptrack as gt
+from grasptrack.demo import demo_scene
 
 tracker = gt.GraspTracker(fingers=2, strategy="auto")
 for frame in demo_scene(frames=60):

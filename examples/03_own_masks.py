@@ -3,9 +3,9 @@
 
 import cv2
 import numpy as np
-from grasptrack.bench.simulation import demo_scene
 
 import grasptrack as gt
+from grasptrack.demo import demo_scene
 
 
 def segment(image: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from pathlib import Path
 from grasptrack.bench.simulation import still_life
 
 import grasptrack as gt
+from grasptrack.demo import still_life
 from grasptrack.segmentation.first_look import find_objects
 from grasptrack.view.grasps import Planned, write_grasps
 

@@ -89,7 +89,9 @@ def paper(
 
     def run_and_write(tell: Progress) -> tuple[PaperRun, Path]:
         run = run_paper(extent, schedule=work, progress=tell)
-        return run, write_paper(output, run, options=asdict(extent), command=shlex.join([*PROGRAM.split(), *sys.argv[1:]]))
+        return run, write_paper(
+            output, run, options=asdict(extent), command=shlex.join([*PROGRAM.split(), *sys.argv[1:]])
+        )
 
     run, report = with_progress(output, quiet, run_and_write)
     if not quiet:

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from grasptrack.demo import STRATEGIES
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack_bench.baselines import available_baselines
-from grasptrack_bench.demo import STRATEGIES
 from grasptrack_bench.method import Maker, Start
 from grasptrack_bench.metrics.score import Score
 from grasptrack_bench.simulation import DISTURBANCES, SHAPES, SceneFrame, demo_scene

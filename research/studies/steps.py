@@ -11,6 +11,7 @@ import numpy as np
 
 import grasptrack as gt
 from grasptrack import kernels
+from grasptrack.demo import STRATEGIES
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.first_look import find_objects
 from grasptrack.segmentation.hints import Hints
@@ -25,7 +26,6 @@ from grasptrack.transfer import TransferStrategy, homography, strategy_named
 from grasptrack.transfer.alignment import find_alignments
 from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.baselines import available_baselines
-from grasptrack_bench.demo import STRATEGIES
 from grasptrack_bench.method import Start
 from grasptrack_bench.metrics.score import Score
 from grasptrack_bench.simulation import SHAPES, Camera, SceneFrame, demo_scene, tilting_path

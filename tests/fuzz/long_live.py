@@ -27,11 +27,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from grasptrack.demo import demo_scene
 from grasptrack.live import commands as told
 from grasptrack.live.server import PageServer
 from grasptrack.live.session import LiveSession
 from grasptrack.live.settings import Settings
-from grasptrack_bench.simulation import demo_scene
 from long_run import growth_of
 from research.studies.live_page import CLIENT, Played
 from research.studies.loop import resident_mb

@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from grasptrack import GraspTracker
+from grasptrack.demo import demo_scene
 from grasptrack.errors import InputError
-from grasptrack_bench.demo import demo_scene
 from research.studies.loop import resident_mb
 
 FRAMES = 60

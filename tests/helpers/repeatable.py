@@ -21,8 +21,8 @@ import numpy as np
 
 from grasptrack import GraspTracker
 from grasptrack.cli.main import main
+from grasptrack.demo import demo_scene
 from grasptrack_bench import suites
-from grasptrack_bench.demo import demo_scene
 from grasptrack_bench.records import write_records
 
 FRAMES = 12

@@ -20,6 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack.cli.main import main
+from grasptrack.demo import run_demo
 from grasptrack.errors import InputError
 from grasptrack.trackability import inspect
 from grasptrack.tracking import follower
@@ -30,7 +31,6 @@ from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.transfer import STRATEGIES
 from grasptrack_bench.approach import choosing
 from grasptrack_bench.approach.trial import Looking
-from grasptrack_bench.demo import run_demo
 from grasptrack_bench.simulation import SHAPES
 from stages import HEIGHT, WIDTH, bar, mirrored, photo, pose
 

@@ -144,17 +144,3 @@ def test_the_demonstration_keeps_the_whole_outline_in_view() -> None:
     assert scene[0].image.shape == (480, 640, 3)
     assert min(scene[i].outline_visible for i in range(0, 30, 3)) == 1.0
     assert demo_scene(2, colour=False)[0].image.shape == (480, 640)
-
-
-def test_the_parts_of_a_still_life_lie_apart_and_are_found() -> None:
-    from grasptrack.segmentation.first_look import find_objects
-    from grasptrack_bench.simulation import still_life
-    from grasptrack_bench.simulation.scene import LIE, PX_PER_UNIT
-
-    image = still_life()
-    assert (image == still_life()).all() and image.shape == (480, 640, 3)
-    found = find_objects(image)
-    assert len(found) == len(LIE)
-    areas = sorted(f.view.outer.area - sum(h.area for h in f.view.contours[1:]) for f in found)
-    expected = sorted((size * PX_PER_UNIT) ** 2 for _, size, *_ in LIE)
-    np.testing.assert_allclose(areas, expected, rtol=0.02)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import grasptrack as gt
+from grasptrack.demo import demo_scene
 from grasptrack.view.draw import draw_grasps, draw_overlay
-from grasptrack_bench.simulation.scene import demo_scene
 
 
 @pytest.fixture(scope="module")

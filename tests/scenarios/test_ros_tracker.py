@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import grasptrack as gt
-from grasptrack_bench.simulation.scene import demo_scene
+from grasptrack.demo import demo_scene
 
 pytest.importorskip("rosbags", reason="messages are serialised by rosbags")
 from stub_ros import ROS, Reply, World
@@ -130,7 +130,7 @@ def test_compressed_images(world: World, images: list[np.ndarray]) -> None:
 
 @pytest.mark.parametrize("how", ["rviz", "rqt", "service"])
 def test_a_click_chooses_the_object(world: World, how: str) -> None:
-    from grasptrack_bench.simulation import still_life
+    from grasptrack.demo import still_life
 
     image = still_life()
     other = gt.first_look(image)[1].view.outer

@@ -19,7 +19,7 @@ from grasptrack_bench.simulation.occluders import (
 from grasptrack_bench.simulation.outlines import Shape
 from grasptrack_bench.simulation.paths import Path, bounded_path, similarity_path, tilting_path
 from grasptrack_bench.simulation.render import Renderer
-from grasptrack_bench.simulation.scene import Guest, Scene, SceneFrame, demo_scene, still_life
+from grasptrack_bench.simulation.scene import Guest, Scene, SceneFrame, demo_scene
 from grasptrack_bench.simulation.shapes import SHAPES
 from grasptrack_bench.simulation.textures import (
     SURFACES,
@@ -79,7 +79,6 @@ __all__ = [
     "printed_texture",
     "shape_from_mask",
     "similarity_path",
-    "still_life",
     "stone_texture",
     "tilting_path",
     "wood_texture",

@@ -21,8 +21,8 @@ from grasptrack_bench.simulation.occluders import Cover
 from grasptrack_bench.simulation.outlines import Shape, inside_polygons, polygon_moments
 from grasptrack_bench.simulation.paths import Path
 from grasptrack_bench.simulation.render import Projection, Renderer
-from grasptrack_bench.simulation.shapes import SHAPES, l_bracket
-from grasptrack_bench.simulation.textures import Texture, brushed_texture, plain_texture, wood_texture
+from grasptrack_bench.simulation.shapes import l_bracket
+from grasptrack_bench.simulation.textures import Texture, brushed_texture, wood_texture
 
 PINHOLE = Camera()
 STEP = 1.0
@@ -373,37 +373,3 @@ def demo_scene(frames: int = 120, seed: int = 3, *, width: int = 640, height: in
         colour=colour,
         seed=seed,
     )
-
-
-PX_PER_UNIT = 130.0
-"""Scale of the image; a part's area is its size squared."""
-LIE = (
-    ("spanner", 1.0, -1.0, -0.7, 0.5),
-    ("gasket", 1.0, 0.75, 0.8, 0.35),
-    ("rectangle", 0.75, 1.55, -0.75, -0.3),
-    ("disc", 0.6, -1.2, 0.95, 0.0),
-)
-"""Name, size, x, y in table units, turn in rad of each part."""
-
-
-def still_life(seed: int = 3, *, width: int = 640, height: int = 480) -> NDArray[np.uint8]:
-    """(height, width, 3) BGR: a spanner, a gasket, a plate and a disc on a laminate.
-
-    Args:
-        seed: of textures and noise.
-        width: px.
-        height: px.
-    """
-    parts = []
-    for name, size, x, y, turn in LIE:
-        cos, sin = size * math.cos(turn), size * math.sin(turn)
-        parts += [ring @ np.array([[cos, sin], [-sin, cos]]) + (x, y) for ring in SHAPES[name]().polygons]
-    scale = PX_PER_UNIT * width / 640
-    H = np.array([[scale, 0.0, 0.5 * (width - 1)], [0.0, scale, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
-    together = Shape("parts", parts[0], tuple(parts[1:]))  # rendered by the even-odd rule, which parts apart obey too
-    light = Conditions(blur=0.75 * width / 640, noise=1.0, vignette=0.14)
-    view = Renderer(
-        together, plain_texture(seed), brushed_texture(seed), width=width, height=height, blur=light.blur, colour=True
-    )
-    rng = np.random.default_rng((seed, 19))
-    return view.expose_image(view.render_light(H), rng, light)

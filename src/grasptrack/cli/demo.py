@@ -45,7 +45,7 @@ def demo(
       grasptrack demo --frames 300 --output /tmp/demo
       grasptrack demo --risk 1e-5
     """
-    from grasptrack_bench.demo import STRATEGIES, run_demo
+    from grasptrack.demo import STRATEGIES, run_demo
 
     rate = options.risk_rate(risk)
     seconds = FRAME_S * frames * (1 if no_video else 2)
