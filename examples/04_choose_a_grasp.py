@@ -6,8 +6,6 @@ Replace `still_life()` with `cv2.imread("photo.jpg")` for your own image; `find_
 
 from pathlib import Path
 
-from grasptrack.bench.simulation import still_life
-
 import grasptrack as gt
 from grasptrack.demo import still_life
 from grasptrack.segmentation.first_look import find_objects

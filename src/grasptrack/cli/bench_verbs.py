@@ -52,7 +52,7 @@ def load_verb(name: str) -> Any:
     if not isinstance(found, typer.Typer):
         verbs = typer.Typer(rich_markup_mode=None, add_completion=False)
         verbs.command(name, cls=help_groups.GroupedCommand)(found)
-    command = typer.main.get_command(verbs)
+    command: Any = typer.main.get_command(verbs)
     command.name = name
     command.rich_help_panel, command.short_help = help_groups.MEASURE, SHORT_HELP[name]
     return command
