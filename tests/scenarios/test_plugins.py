@@ -14,6 +14,9 @@ import cv2
 import numpy as np
 import pytest
 
+from grasptrack.cli import bench_verbs
+from grasptrack.cli.main import main
+
 OUTSIDER = '''
 import numpy as np
 from grasptrack.tracking.result import TrackResult
@@ -146,3 +149,14 @@ def test_what_is_not_registered_is_told_in_one_line(outside: Path, words: tuple[
     assert done.returncode == 2
     assert said in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("verb", list(bench_verbs.SHORT_HELP))
+def test_a_verb_whose_distribution_is_not_installed_is_named(
+    verb: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(bench_verbs, "load_plugin", lambda group, name: None)
+    assert main([verb, "--help"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and f'"{verb}" is a verb of grasptrack-bench' in told and "install ./bench" in told
+    assert main(["--help"]) == 0 and f"\n  {verb} " in capsys.readouterr().out
