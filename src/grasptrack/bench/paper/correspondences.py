@@ -14,10 +14,9 @@ from grasptrack.bench.paper.footage import Footage
 from grasptrack.bench.paper.literal import LiteralHomography
 from grasptrack.bench.paper.transfers import Refused
 from grasptrack.bench.report.table import Cell, Table
-from grasptrack.geometry.contours import View
+from grasptrack.geometry.contours import View, cubic_point
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.kernels.reference.homography import cubic_point
 from grasptrack.kernels.results import CurvatureMatches, CurvatureVector, MatchWindow
 from grasptrack.transfer import homography
 from grasptrack.transfer.alignment import alignments_of_points, choose_alignment

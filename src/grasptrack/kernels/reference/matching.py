@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.geometry.homographies import displacement_fields, near_identity
 from grasptrack.kernels.reference.checks import (
     check_arc,
     check_contour,
@@ -17,9 +18,9 @@ from grasptrack.kernels.reference.checks import (
     check_within,
 )
 from grasptrack.kernels.reference.geometry import polygon_moments, resample
-from grasptrack.kernels.reference.homography import carry_normals, displacement_fields, lower_median, near_identity
+from grasptrack.kernels.reference.homography import carry_normals
 from grasptrack.kernels.results import AlignmentSteps, CyclicShift
-from grasptrack.statistics import robust_sd
+from grasptrack.statistics import lower_median, robust_sd
 from grasptrack.typing import Floats
 
 __all__ = ["align_outlines", "align_projective", "initial_alignments", "outline_gaps"]
