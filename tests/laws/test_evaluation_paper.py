@@ -28,8 +28,8 @@ from grasptrack.bench.paper.footage import (
 from grasptrack.bench.paper.transfers import COMPARED, transfer_and_measure, transfer_and_return, ways_of
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.kernels.reference.homography import homography_4
 from grasptrack.transfer import STRATEGIES, grasp_line, transfer
+from reference.homography import homography_4
 
 FRAMES = 8
 LITTLE = 0.3

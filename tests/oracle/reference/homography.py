@@ -106,7 +106,7 @@ def distortion(H: Floats, points: Floats) -> Distortion:
 
 
 def fit_homography(points1: Floats, indices1: list[int], points2: Floats, places2: list[float]) -> FittedHomography:
-    """`homography_4` of four samples of one contour and four places on another, and its `distortion` at the samples.
+    """Eq. (1): H of four samples of one contour and four places on another, and its `distortion` at the samples.
 
     Args:
         points1, points2: (N, 2), (N', 2) px.
@@ -115,7 +115,7 @@ def fit_homography(points1: Floats, indices1: list[int], points2: Floats, places
             the contour is taken as the cubic curve through them, which cuts no corners as its sides do.
 
     Raises:
-        ValueError: as `homography_4`, or other than four, or one out of range.
+        ValueError: three points in a row in either set, or points that are not finite; other than four, or one out of range.
     """
     places: list[tuple[Floats, list[int] | list[float]]] = [(points1, indices1), (points2, places2)]
     for points, chosen in places:
