@@ -3,7 +3,7 @@
 # make fuzz   odd arrays and degenerate contours, leaks, damaged files, odd messages, interruptions, long runs: SECONDS=600 SEED=1
 # make sanitize   kernels that end the process where they read or write beyond an array, and their tests
 # make site   builds the docs as site/index.html, in an environment of its own; a link that leads nowhere is an error
-# A C++17 compiler makes it fast; without one NumPy takes over. PYTHON=python3.12 chooses another interpreter.
+# Where there is no C++ compiler, that of the package ziglang is taken. PYTHON=python3.12 chooses another interpreter.
 
 PYTHON ?= python3
 SECONDS := 600
@@ -18,6 +18,16 @@ NATIVE := CMakeLists.txt $(wildcard native/* native/*/*)
 # After pip: which of them it was, and what would do the same by hand.
 failed = { echo "make: pip could not do it; its lines above say why. Then: make again, or $(BIN)/python -m pip install $(1)" >&2; \
 	  echo "without a network: PIP_NO_INDEX=1 PIP_FIND_LINKS=folder-of-wheels make ..." >&2; exit 2; }
+
+# A compiler where there is none, with the archiver that CMake looks for beside it. -I: pip hides packages from what builds another.
+ZIG := $(VENV)/zig
+zig_tool = printf '\043!/bin/sh\nexec "$$(dirname "$$0")/../bin/python" -I -m ziglang $(1) "$$@"\n' > $(ZIG)/$(1); chmod +x $(ZIG)/$(1)
+find_compiler = if test -z "$$CXX" && ! command -v c++ > /dev/null && ! command -v g++ > /dev/null && ! command -v clang++ > /dev/null; then \
+	  echo "There is no C++ compiler here: that of the package ziglang (100 MB) compiles the kernels."; \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check ziglang || $(call failed,ziglang); \
+	  mkdir -p $(ZIG); $(call zig_tool,c++); $(call zig_tool,ar); $(call zig_tool,ranlib); \
+	  export CXX="$(abspath $(ZIG))/c++"; \
+	fi
 
 .PHONY: demo announce test fuzz sanitize site clean
 
@@ -57,7 +67,8 @@ $(VENV)/.venv:
 
 # Editable: a change of a .py file needs no setup, one of a kernel is compiled anew.
 $(VENV)/.package: $(VENV)/.venv pyproject.toml $(NATIVE)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable . || $(call failed,--editable .)
+	@$(find_compiler); \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable . || $(call failed,--editable .)
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.package bench/pyproject.toml

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The compiled kernels. Each folder holds one block of the product and binds itself; what its kernels compute is defined in
-// NumPy, in the module of grasptrack/kernels/reference that is named as the folder or its files.
+// NumPy, in the module of tests/oracle/reference that is named as the folder or its files.
 
 #include <nanobind/nanobind.h>
 
@@ -34,7 +34,7 @@ void bind_registration(nanobind::module_ &m);
 }  // namespace grasptrack
 
 NB_MODULE(_grasptrack_native, m) {
-    m.doc() = "Compiled kernels of grasptrack; grasptrack.kernels.reference defines each of them.";
+    m.doc() = "The compiled kernels of grasptrack; _grasptrack_native.pyi says what each takes, gives and refuses.";
     m.attr("_build") = GRASPTRACK_ABI ", " GRASPTRACK_COMPILER;
     grasptrack::bind_geometry(m);
     grasptrack::bind_image(m);

@@ -56,6 +56,7 @@ nb::object trace_edges_(const ByteImage &image, const Input<std::int32_t, nb::sh
 }  // namespace
 
 void bind_image(nb::module_ &m) {
+    m.attr("EDGE_WINDOW") = window;
     m.def("search_along_normals", &search_along_normals_<std::uint8_t>, "image"_a.noconvert(), "points"_a, "normals"_a,
           "reach"_a, "polarity"_a);
     m.def("search_along_normals", &search_along_normals_<float>, "image"_a.noconvert(), "points"_a, "normals"_a, "reach"_a,

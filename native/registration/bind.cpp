@@ -378,6 +378,15 @@ void bind_registration(nb::module_ &m) {
         .def("placed", &PoseTarget::placed, "G"_a, "P"_a)
         .def("joined", &PoseTarget::joined, "G"_a, "P"_a, "other"_a, "Q"_a)
         .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a);
+    m.attr("PATCH_SIDE") = pose::patch_side;
+    m.attr("FINE_LEVELS") = pose::fine_levels;
+    m.attr("REGION_CELLS") = pose::region_cells;
+    m.attr("FIRST_CELLS") = pose::first_cells;
+    m.attr("NEAR_SAMPLES") = pose::near_samples;
+    m.attr("LEAST_SPREAD") = pose::least_spread;
+    m.attr("LEAST_HALF_WIDTH") = pose::least_half;
+    m.attr("MOST_HALF_WIDTH") = pose::most_half;
+    m.def("patch_noise", &pose::noise_of, "camera"_a, "stride"_a);
     m.def("seen_area", &seen_area, "G"_a, "points"_a);
     m.def("surface_evidence", &surface_evidence, "correlation"_a, "usual"_a, "shares"_a, "log_prior"_a, "match_spread"_a,
           "chance_spread"_a, "independent"_a);

@@ -95,6 +95,8 @@ struct RegionNumbers {
 };
 
 constexpr int first_cells = 4;  // beside the outline: what tells the levels here, and whether a side is as it was
+constexpr int near_samples = 8;  // seen ones, on each side of a stretch that is not, that count for the levels there
+constexpr double least_spread = 3.0;  // grey levels, of any spread
 
 struct Levels {  // grey levels on one side of the visible outline near a sample
     double level = 0, spread = 0;
@@ -111,7 +113,7 @@ struct Beside {
 
 // A side on which the stretch goes on for `far` samples tells nothing: what lies far from all that fits is not known.
 inline Beside beside(std::size_t i, const std::vector<double> &visible, int far) {
-    constexpr int near = 8, few = 4, asked = 12;  // samples that count, that must, and that are asked on each side
+    constexpr int few = 4, asked = 12;  // samples that must be there, and that are asked on each side
     const auto n = static_cast<int>(visible.size());
     Beside out;
     for (int side = -1; side <= 1; side += 2) {
@@ -123,7 +125,7 @@ inline Beside beside(std::size_t i, const std::vector<double> &visible, int far)
         while (first < n && first <= far && visible[at(first)] <= 0.5) ++first;
         if (first > far) continue;
         int found = 0;
-        for (int step = first; step < std::min(first + asked, n) && found < near; ++step) {
+        for (int step = first; step < std::min(first + asked, n) && found < near_samples; ++step) {
             if (visible[at(step)] < 0.7) continue;
             ++found;
             out.samples.push_back(at(step));
@@ -135,7 +137,6 @@ inline Beside beside(std::size_t i, const std::vector<double> &visible, int far)
 
 // Median and spread of the first cells of samples; NaN where a cell does not count.
 inline Levels levels_of(const Beside &near, const std::vector<double> &cells) {
-    constexpr double least = 3.0;  // grey levels, of any spread
     std::vector<double> levels;
     for (std::size_t j : near.samples)
         for (std::size_t k = 0; k < first_cells; ++k)
@@ -145,7 +146,7 @@ inline Levels levels_of(const Beside &near, const std::vector<double> &cells) {
     if (near.sides == 0 || levels.size() < 3 * first_cells) return out;
     out.level = middle(levels);
     for (double &v : levels) v = std::abs(v - out.level);
-    out.spread = 1.4826 * middle(levels) + least;
+    out.spread = 1.4826 * middle(levels) + least_spread;
     out.known = true;
     return out;
 }

@@ -115,7 +115,7 @@ class Solver {
             if (round + 1 >= direct && moved < 0.5 * contacts_deviation(P)) break;
         }
         tell_readout(all, x, texture, out);
-        if (!done) patches_ = match_all(0, told, G);  // else the last step moved none of them
+        if (!done) patches_ = match_all(0, fine_levels, G);  // else the last step moved none of them
         // an answer that still moves is not known better than by its last step
         for (std::size_t a = 0; a < 8; ++a)
             for (std::size_t c = 0; c < 8; ++c) P[a * 8 + c] += last[a] * last[c];
@@ -127,7 +127,6 @@ class Solver {
     }
 
   private:
-    static constexpr std::size_t told = 3;   // levels of texture, the finest, that are told of; the coarser of them where blur has taken the finest
     static constexpr double settled = 0.02;  // work px: a step that moves no contact by more is the last
     static constexpr double least_told = 1e-9;  // information about a readout that is none
     static constexpr double exact = 0.002;   // the same where edges are weighed anew
@@ -227,7 +226,7 @@ class Solver {
 
     TextureFit texture_rows(const Homography &G, const Matrix<8> &A, const Vector<8> &b, Solution &out) {
         TextureFit none;
-        patches_ = match_all(0, told, G);
+        patches_ = match_all(0, fine_levels, G);
         if (patches_.size() < 4) return none;
         TextureFit fit = fit_patches(patches_, A, b, texture_numbers());
         out.texture_used = fit.used;

@@ -17,6 +17,7 @@ constexpr int patch_pixels = patch_side * patch_side;
 constexpr int inner_pixels = 6;   // of an edge's inner side, from 7 to 2 px inside
 constexpr int inner_first = -7;
 constexpr int region_cells = 16;  // on each side of the outline, as deep as a notch or tab that counts as one goes
+constexpr std::size_t fine_levels = 3;  // of texture, that are used beside the edges and told of; the coarser of them where blur has taken the finest
 
 struct Patch {
     double x, y;                                   // centre

@@ -135,7 +135,7 @@ inline void Solver::judge(Solution &out, bool edges, double h, double vh) {
             shares(), stay(), power_, out.differs);
     }
     auto row = patches_.begin();
-    for (std::size_t level = 0; level < std::min(told, target_.texture.size()); ++level) {
+    for (std::size_t level = 0; level < std::min(fine_levels, target_.texture.size()); ++level) {
         out.correlation.emplace_back();
         for (std::size_t k = 0; k < target_.texture[level].patches.size(); ++k, ++row)
             out.correlation.back().push_back(row->match.inside ? row->match.correlation : std::numeric_limits<double>::quiet_NaN());

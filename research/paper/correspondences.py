@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.geometry.contours import View
+from grasptrack.geometry.contours import View, cubic_point
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.kernels.reference.homography import cubic_point
 from grasptrack.kernels.results import CurvatureMatches, CurvatureVector, MatchWindow
 from grasptrack.transfer import homography
 from grasptrack.transfer.alignment import alignments_of_points, choose_alignment

@@ -7,6 +7,7 @@ in its own module. Names are imported when they are first used, so that `import 
 
 import sys
 from importlib import import_module
+from importlib.util import find_spec as _find_spec
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -63,6 +64,11 @@ if TYPE_CHECKING:
     from grasptrack.view.drawing import Drawing, draw
 
     __version__: str
+
+if _find_spec("_grasptrack_native") is None:  # said at once, not by whatever is used first; found is not yet loaded
+    from grasptrack.errors import without_kernels
+
+    raise without_kernels("there are none")
 
 
 def _png_of(result: object) -> bytes:

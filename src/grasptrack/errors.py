@@ -33,6 +33,17 @@ def install_hint(extra: str) -> str:
     return f'{own_pip()} install "grasptrack[{extra}]"'
 
 
+def without_kernels(why: str) -> ImportError:
+    """The error of an installation whose compiled kernels are missing or cannot be loaded."""
+    again = (
+        f"{own_pip()} install --force-reinstall --no-binary grasptrack grasptrack, or make .venv/.package in a clone"
+    )
+    return ImportError(
+        f"grasptrack's compiled kernels cannot be loaded ({why}): install a C++17 compiler, then install it again ({again})",
+        name="_grasptrack_native",
+    )
+
+
 # --- what a user can put right -------------------------------------------------------------------
 
 

@@ -31,6 +31,11 @@ def robust_sd(deviations: Floats, median: Callable[[Floats], float | np.floating
     return MAD_TO_SD * float(median(np.abs(deviations)))
 
 
+def lower_median(values: Floats) -> float:
+    """The middle value, of two the lower one; 0 of none."""
+    return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0
+
+
 def wilson_interval(events: int, trials: int, z: float = TWO_SIDED_95) -> tuple[float, float]:
     """Lower and upper bound of a rate (E. B. Wilson 1927); NaN without trials.
 

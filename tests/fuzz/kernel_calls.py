@@ -26,12 +26,12 @@ class Call(NamedTuple):
     texture: Any = None
 
 
-def draw_call(seed: int, index: int) -> Call:
-    """The call of that number: none, one or some of its arguments are spoiled."""
+def draw_call(seed: int, index: int, odd: bool = True) -> Call:
+    """The call of that number: none, one or some of its arguments are spoiled, if they may be odd."""
     rng = np.random.default_rng([seed, index])
     scene = Scene(rng)
     name = NAMES[index % len(NAMES)]
-    count = int(rng.choice([0, 1, 1, 1, 2, 3]))
+    count = int(rng.choice([0, 1, 1, 1, 2, 3])) * odd
 
     def spoil(values: list[Any], many: int) -> list[Any]:
         for at in rng.permutation(len(values))[:many]:
@@ -59,6 +59,17 @@ def make_call(call: Call, module: ModuleType) -> Any:
             levels = [np.arange(40 * 48, dtype=np.uint8).reshape(40, 48)]
             target.add_texture(levels, call.texture, 1.0)
         return getattr(target, method)(*call.arguments)
+
+
+def types_of(call: Call) -> list[Any]:
+    """Of all arrays among its arguments."""
+
+    def within(value: Any) -> list[Any]:
+        if isinstance(value, np.ndarray):
+            return [value.dtype]
+        return [each for part in value for each in within(part)] if isinstance(value, (list, tuple)) else []
+
+    return within([call.arguments, call.made_with])
 
 
 def judge_call(call: Call, module: ModuleType) -> str:

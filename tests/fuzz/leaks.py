@@ -10,9 +10,14 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import sys
 from argparse import ArgumentParser
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 
 from kernel_calls import NAMES, draw_call, judge_call
 

@@ -15,13 +15,15 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+
+import _grasptrack_native as native
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 
 from children import PATIENCE, run_trials
 from contour_trials import draw_pair, judge_number
 from corpus import FOLDER, write_case
-from grasptrack import kernels
-from grasptrack.kernels import reference
 from kernel_calls import NAMES, draw_call, judge_call
 
 ROUND = 2000
@@ -29,9 +31,9 @@ ROUND = 2000
 COUNTED = ("crash", "hang", "internal", "bad stability", "bad contact")
 
 
-def judge_kernel(module: ModuleType, seed: int) -> Callable[[int], str]:
-    """The trial of that number, of calls of a module's kernels."""
-    return lambda index: judge_call(draw_call(seed, index), module)
+def judge_kernel(seed: int) -> Callable[[int], str]:
+    """The trial of that number, of calls of kernels."""
+    return lambda index: judge_call(draw_call(seed, index), native)
 
 
 def main() -> int:
@@ -42,18 +44,11 @@ def main() -> int:
     parser.add_argument("--calls", type=int, default=0, help="so many kernel calls instead of a time")
     parser.add_argument("--contours", type=int, default=0, help="so many contours instead of a time")
     parser.add_argument("--patience", type=float, default=PATIENCE, help="seconds for one trial")
-    parser.add_argument("--numpy", action="store_true", help="the NumPy definitions instead of the compiled kernels")
     parser.add_argument("--keep", type=Path, default=FOLDER, help="folder for what is found")
     options = parser.parse_args()
-    if options.numpy:
-        module: ModuleType = reference
-    elif kernels.BACKEND == "native":
-        import _grasptrack_native as module
-    else:
-        parser.error("there are no compiled kernels: ask for --numpy")
     counts: dict[str, Counter[str]] = {"kernel calls": Counter(), "contours": Counter()}
     trials = {
-        "kernel calls": judge_kernel(module, options.seed),
+        "kernel calls": judge_kernel(options.seed),
         "contours": lambda index: judge_number(options.seed, index),
     }
     wanted = {"kernel calls": options.calls, "contours": options.contours}

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from grasptrack.kernels import reference
-from grasptrack.kernels.reference.registration.pose import NAMES
+import reference
 from grasptrack.kernels.results import (
     AlignmentSteps,
     CurvatureVector,
@@ -20,6 +19,7 @@ from grasptrack.kernels.results import (
     TraceOptions,
     WrenchSpace,
 )
+from reference.registration.pose import NAMES
 
 METHODS = ("hide", "add_texture", "solve", "follow", "moved", "difference", "placed", "joined", "pinhole")
 CLASS = "PoseTarget"
@@ -121,6 +121,7 @@ USUAL: dict[str, Maker] = {
     "blur_share": lambda s: 0.2,
     "bottom": lambda s: 30,
     "bound": lambda s: s.rng.random(4),
+    "camera": lambda s: 2.0,
     "candidates": lambda s: RankedCandidates(
         s.outer,
         s.normals[: len(s.outer)],

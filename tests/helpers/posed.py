@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Targets, images and questions for both kernels that fit poses."""
+"""Targets, images and questions for the kernel that fits poses and for its definition."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from compiled import native
-from grasptrack.kernels import reference
+import _grasptrack_native as native
+import reference
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.typing import Floats
 
@@ -131,7 +131,7 @@ def ingredients(seed: int, n: int, numbers: dict[str, float], textured: bool = T
 
 
 def target(module: Any, seed: int, n: int = 80, *, textured: bool = True, **numbers: float) -> Any:
-    """A target of one of the two backends."""
+    """A target, compiled or of the definition."""
     made = module.PoseTarget(*ingredients(seed, n, numbers, textured))
     rng = np.random.default_rng(seed)
     levels = pyramid(draw(A, seed, textured=textured))

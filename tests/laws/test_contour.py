@@ -14,12 +14,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import _grasptrack_native as native
 import grasptrack as gt
-from compiled import native
+import reference
 from grasptrack.errors import ContourError, GraspTrackError, InputError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.kernels import reference
 from outlines import stars
 
 NUMBERS = st.floats(-1.0, 1.0)
@@ -89,7 +89,7 @@ def test_points_that_repeat_the_one_before_are_merged(points: np.ndarray, times:
 
 @given(st.integers(0, 2**32 - 1), st.integers(4, 30), st.sampled_from([3, 6, 1000]))
 def test_crossings_are_those_of_every_two_sides(seed: int, n: int, grid: int) -> None:
-    """On coarse grids sides touch, overlap and pass through points; both backends say the same."""
+    """On coarse grids sides touch, overlap and pass through points; the definition says the same."""
     points = np.random.default_rng(seed).integers(0, grid, (n, 2)).astype(np.float64)
     points = points[(points != np.roll(points, 1, axis=0)).any(axis=1)]
     if len(points) < 4:

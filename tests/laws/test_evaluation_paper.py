@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.kernels.reference.homography import homography_4
 from grasptrack.transfer import STRATEGIES, grasp_line, transfer
 from grasptrack_bench.metrics.errors import ErrorMeasure
+from reference.homography import homography_4
 from research.paper import footage as footages
 from research.paper import printed
 from research.paper.correspondences import Correspondences, find_correspondences, table_five

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compiled import native
-from grasptrack.kernels import reference
+import _grasptrack_native as native
+import reference
 
 
 @st.composite

@@ -2,18 +2,16 @@
 """What the kernels must obey whatever computes them: known shapes, similarities, the choice of the first point."""
 
 import math
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import _grasptrack_native as native
 from grasptrack import kernels
-from grasptrack.kernels.reference.geometry import crossings, nearest_crossings
 from outlines import blobs, similarities, stars
+from reference.geometry import crossings, nearest_crossings
 
 RECTANGLE = np.array([[0.0, 0], [4, 0], [4, 2], [0, 2]])
 
@@ -131,20 +129,5 @@ def test_homography_of_four_points_is_exact(seed):
     np.testing.assert_allclose(q[:, :2] / q[:, 2:], target, atol=1e-8)
 
 
-def test_backends():
-    code = "import warnings; warnings.simplefilter('error'); from grasptrack import kernels as k; print(k.BACKEND)"
-    env = {**os.environ, "GRASPTRACK_BACKEND": "numpy"}
-    assert subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True).stdout == "numpy\n"
-    # A module that is None in sys.modules cannot be imported: what a build without a compiler looks like.
-    code = (
-        "import sys; sys.modules['_grasptrack_native'] = None; from grasptrack import kernels; print(kernels.BACKEND)"
-    )
-    env["GRASPTRACK_BACKEND"] = ""
-    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True)
-    assert done.stdout == "numpy\n"
-    assert done.stderr.count("without its compiled kernels") == 1 and "install a C++17 compiler" in done.stderr
-
-
-def test_the_compiled_functions_are_called_without_wrappers(native):
-    assert kernels.BACKEND == "native"
+def test_the_compiled_functions_are_called_without_wrappers():
     assert kernels.project_to_contour is native.project_to_contour

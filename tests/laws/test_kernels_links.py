@@ -6,15 +6,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import _grasptrack_native as native
+import reference
 from grasptrack import kernels
-from grasptrack.kernels import reference
 
 RULES = (60.0, np.radians(25.0), np.radians(70.0))
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(8, 70), st.integers(8, 70), st.integers(0, 10_000), st.floats(0.02, 0.3))
-def test_native_equals_reference(native, height, width, seed, share):
+def test_native_equals_reference(height, width, seed, share):
     rng = np.random.default_rng(seed)
     edges = (rng.random((height, width)) < share * 0.3).astype(np.uint8)
     for _ in range(6):  # strokes, so that some edges have ends

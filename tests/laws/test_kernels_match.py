@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compiled import native
+import _grasptrack_native as native
+import reference
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.kernels import reference
 from grasptrack.kernels.results import AlignmentSteps
 from outlines import blobs, dense, stars
 

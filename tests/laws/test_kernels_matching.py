@@ -8,12 +8,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from compiled import native as kernels
+import _grasptrack_native as kernels
+import reference
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.kernels import reference
-from grasptrack.kernels.reference.transfer import curvature_peaks
 from grasptrack.kernels.results import CurvatureVector, MatchWindow
 from outlines import blobs, frame_motions, stars
+from reference.transfer import curvature_peaks
 
 FEW = settings(max_examples=40, deadline=None)
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compiled import native
-from grasptrack.kernels import reference
+import _grasptrack_native as native
+import reference
 from grasptrack.kernels.results import TraceOptions
 from outlines import stars
 

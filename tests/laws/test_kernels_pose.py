@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grasptrack import kernels
-from grasptrack.kernels import reference
+import reference
 from posed import (
     CENTRE,
     CONTACTS,
@@ -305,10 +304,6 @@ def test_both_refuse_the_same() -> None:
 
 
 def reference_names() -> tuple[str, ...]:
-    from grasptrack.kernels.reference.registration.pose import NAMES
+    from reference.registration.pose import NAMES
 
     return NAMES
-
-
-def test_the_backend_that_runs_is_one_of_the_two() -> None:
-    assert kernels.PoseTarget in (native.PoseTarget, reference.PoseTarget)

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.kernels.reference.registration.target import Target
 from posed import (
     CENTRE,
     CONTACTS,
@@ -34,6 +33,7 @@ from posed import (
     target,
     view,
 )
+from reference.registration.target import Target
 
 
 @NOISY

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compiled import native
+import _grasptrack_native as native
+import reference
 from grasptrack import kernels
-from grasptrack.kernels import reference
-from grasptrack.kernels.reference.grasp import LEAST_EPSILON
 from grasptrack.kernels.results import RankedCandidates, RankingLimits, WrenchSpace
+from reference.grasp import LEAST_EPSILON
 
 FEW = settings(max_examples=20, deadline=None)
 

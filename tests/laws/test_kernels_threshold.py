@@ -6,13 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import _grasptrack_native as native
+import reference
 from grasptrack import kernels
-from grasptrack.kernels import reference
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(3, 40), st.integers(3, 40), st.integers(0, 10_000), st.floats(-5, 260), st.sampled_from([1, -1]))
-def test_native_equals_reference(native, height, width, seed, level, polarity):
+def test_native_equals_reference(height, width, seed, level, polarity):
     rng = np.random.default_rng(seed)
     image = rng.integers(0, 256, (height, width), dtype=np.uint8)
     left, right = np.sort(rng.choice(width + 1, 2, replace=False)).tolist()

@@ -20,7 +20,6 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack import kernels
 from grasptrack.cli.main import main
 from grasptrack.cli.verdict import Verdict
 from recordings import plate, plates, rows, write
@@ -196,7 +195,7 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_version_names_the_backend_and_its_build(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
-    build = r"native, (abi3|cp\d+), \w+ \S.*" if kernels.BACKEND == "native" else "numpy"
+    build = r"native, (abi3|cp\d+), \w+ \S.*"
     beneath = rf"Python \S+, NumPy {re.escape(np.__version__)}, OpenCV {re.escape(cv2.__version__)}"
     assert re.fullmatch(rf"grasptrack \S+ \(backend {build}; {beneath}\)\n", capsys.readouterr().out)
 
@@ -252,7 +251,6 @@ def test_a_signal_after_the_work_leaves_its_status(how: str) -> None:
     code = f"""
 import atexit, os, signal, sys
 atexit.register(lambda: os.kill(os.getpid(), signal.{how}))
-from grasptrack import kernels
 from grasptrack.cli.main import main
 sys.argv = ["grasptrack", "track", "nowhere.png"]
 sys.exit(main())

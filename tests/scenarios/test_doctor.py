@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import pytest
 
+import grasptrack
 from grasptrack import kernels
 from grasptrack.cli import doctor
 from grasptrack.cli.main import main
@@ -36,11 +37,14 @@ def test_what_an_extra_lacks_is_named_with_this_environments_pip(monkeypatch: py
     assert f'{sys.executable} -m pip install "grasptrack[sim]" adds mujoco' in findings["sim"].text
 
 
-@pytest.mark.parametrize(("backend", "mark"), [("numpy", "!!"), ("native", "ok")])
-def test_kernels_that_were_not_compiled_are_wrong(monkeypatch: pytest.MonkeyPatch, backend: str, mark: str) -> None:
-    monkeypatch.setattr(kernels, "BACKEND", backend)
+def test_kernels_that_cannot_be_loaded_are_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     found = next(f for f in doctor.examine_program() if f.name == "grasptrack")
-    assert (found.mark, "C++17" in found.text) == (mark, backend == "numpy")
+    assert (found.mark, kernels.BUILD in found.text) == ("ok", True)
+    monkeypatch.setitem(sys.modules, "_grasptrack_native", None)
+    monkeypatch.delitem(sys.modules, "grasptrack.kernels")
+    monkeypatch.delattr(grasptrack, "kernels")
+    found = next(f for f in doctor.examine_program() if f.name == "grasptrack")
+    assert (found.mark, "C++17" in found.text) == ("!!", True)
 
 
 def test_two_builds_of_opencv_are_wrong(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,9 +8,11 @@ import sys
 
 import pytest
 
+import _grasptrack_native as native
 import grasptrack as gt
+import reference
 from grasptrack import kernels
-from grasptrack.kernels import reference
+from write_stub import NUMBERS, STUB, write_stub
 
 
 def run(code):
@@ -34,15 +36,24 @@ def test_transfer_is_a_function_whatever_was_imported_before(before):
     assert run(code + "\ntry: transfer()\nexcept TypeError as e: print(e)").startswith("True\ntransfer() missing")
 
 
-def test_each_kernel_has_its_reference():
-    names = set(kernels.__all__) - {"BACKEND"}
-    assert names == set(reference.__all__)
-    assert all(callable(getattr(kernels, name)) for name in names)
-
-
-def test_compiled_kernels_take_the_arguments_of_their_definitions(native):
-    assert {name for name in dir(native) if not name.startswith("_")} == set(reference.__all__)
+def test_compiled_kernels_take_the_arguments_of_their_definitions():
+    assert {name for name in dir(native) if not name.startswith("_")} == {*reference.__all__, *NUMBERS}
+    assert all(getattr(kernels, name) is getattr(native, name) for name in reference.__all__)
     for name in set(reference.__all__) - {"PoseTarget"}:
         wanted = list(inspect.signature(getattr(reference, name)).parameters)
         for signature, *_ in getattr(native, name).__nb_signature__:
             assert re.findall(r"(?:\(|, )(\w+): ", signature) == wanted, signature
+
+
+def test_the_stub_is_what_the_definitions_say():
+    pytest.importorskip("ruff")
+    assert write_stub() == STUB.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("module", ["grasptrack", "grasptrack.cli.main"])
+def test_without_its_kernels_importing_says_what_to_do(module):
+    # A module that is None in sys.modules cannot be imported: what a build without a compiler looks like.
+    code = f"import sys; sys.modules['_grasptrack_native'] = None; import {module}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("ImportError: grasptrack's compiled kernels cannot be loaded") and "C++17 compiler" in last

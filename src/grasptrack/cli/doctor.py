@@ -69,12 +69,13 @@ def doctor() -> None:
 
 def examine_program() -> Iterator[Finding]:
     """The program, Python, and the libraries that it always needs."""
-    from grasptrack import kernels
+    version = metadata.version("grasptrack")
+    try:
+        from grasptrack import kernels
 
-    slow = kernels.BACKEND != "native"
-    told = ", ".join(filter(None, (metadata.version("grasptrack"), f"kernels {kernels.BACKEND}", kernels.BUILD)))
-    why = ": many times slower; install a C++17 compiler, then install grasptrack again" if slow else ""
-    yield Finding("!!" if slow else "ok", "grasptrack", told + why)
+        yield Finding("ok", "grasptrack", f"{version}, kernels {kernels.BACKEND}, {kernels.BUILD}")
+    except ImportError as error:
+        yield Finding("!!", "grasptrack", f"{version}: {error}")
     yield Finding("ok", "Python", f"{platform.python_version()}, {sys.executable}")
     yield Finding("ok", "system", platform.platform())
     yield from _opencv()

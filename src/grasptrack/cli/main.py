@@ -73,7 +73,7 @@ def _show_version(wanted: bool) -> None:
         from grasptrack.io.results import software_versions
 
         versions = software_versions()
-        backend = f"backend {kernels.BACKEND}" + (f", {kernels.BUILD}" if kernels.BUILD else "")
+        backend = f"backend {kernels.BACKEND}, {kernels.BUILD}"
         under = f"Python {versions['python']}, NumPy {versions['numpy']}, OpenCV {versions['opencv']}"
         typer.echo(f"grasptrack {versions['grasptrack']} ({backend}; {under})")
         raise typer.Exit

@@ -18,6 +18,16 @@ FEW = 8
 """Points that are carried one by one: NumPy's calls would cost more."""
 HORIZON = 1e-9
 """lambda of eq. (2) at and below which a point counts as sent to infinity, or behind the camera."""
+SLIGHT = 1e-6
+"""Motions that displace the outline by less than the root of this, relative to the largest, are none of their own."""
+MOTIONS = np.zeros((8, 3, 3))
+"""To each parameter the part of a homography near the identity that is linear in it."""
+MOTIONS[0, 0, 2] = MOTIONS[1, 1, 2] = 1.0  # shifts
+MOTIONS[2, (0, 1), (0, 1)] = 1.0  # scale
+MOTIONS[3, (0, 1), (1, 0)] = -1.0, 1.0  # turn
+MOTIONS[4, (0, 1), (0, 1)] = 1.0, -1.0  # stretches
+MOTIONS[5, (0, 1), (1, 0)] = 1.0
+MOTIONS[6, 2, 0] = MOTIONS[7, 2, 1] = -1.0  # bends
 
 
 def apply_homography(H: ArrayLike, points: ArrayLike) -> Floats:
@@ -122,3 +132,41 @@ def normalize_homography(H: Floats) -> Floats:
     """H with its last entry 1, the form in which homographies are given out."""
     out: Floats = H / H[2, 2]
     return out
+
+
+def displacement_fields(points: Floats) -> Floats:
+    """(m, 2, 8): how the 8 parameters of a homography near the identity move points (m, 2), per unit of each.
+
+    Translation; scale and rotation; the two shears of an affine map; the two bends of perspective.
+    """
+    x, y = points[:, 0], points[:, 1]
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    return np.stack(
+        [
+            np.stack([one, zero, x, -y, x, y, x * x, x * y], axis=1),
+            np.stack([zero, one, y, x, -y, x, x * y, y * y], axis=1),
+        ],
+        axis=1,
+    )
+
+
+def near_identity(x: Floats, centre: Floats, radius: float) -> Floats:
+    """(3, 3) the homography near the identity whose displacements are those of `displacement_fields`.
+
+    Args:
+        x: (8,) parameters, in radii.
+        centre: (2,) px.
+        radius: px.
+    """
+    M = np.eye(3) + np.tensordot(x, MOTIONS, 1)
+    N = np.array([[1.0, 0.0, -centre[0]], [0.0, 1.0, -centre[1]], [0.0, 0.0, radius]]) / radius
+    back = np.array([[radius, 0.0, centre[0]], [0.0, radius, centre[1]], [0.0, 0.0, 1.0]])
+    return np.asarray(back @ M @ N, dtype=np.float64)
+
+
+def whitening_matrix(fields: Floats) -> Floats:
+    """(n, n) parameters of as many motions that each displace points by 1 px rms, the least of them bounded."""
+    if not len(fields):
+        return np.eye(fields.shape[2])
+    size, V = np.linalg.eigh(np.einsum("mik,mil->kl", fields, fields) / len(fields))
+    return np.asarray(V / np.sqrt(np.maximum(size, SLIGHT * size[-1])))

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.kernels.reference.homography import near_identity
+from grasptrack.geometry.homographies import near_identity
 from grasptrack.matching.samples import Sampled
 from grasptrack.typing import Floats
 

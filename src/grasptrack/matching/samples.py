@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline, as_view
-from grasptrack.kernels.reference.homography import displacement_fields, whitening_matrix
+from grasptrack.geometry.homographies import displacement_fields, whitening_matrix
 from grasptrack.typing import Floats
 
 MOST = 400

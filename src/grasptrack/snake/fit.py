@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.kernels.reference.homography import displacement_fields
+from grasptrack.geometry.homographies import displacement_fields
 from grasptrack.snake.shape_space import ShapeSpace
 from grasptrack.snake.template import NEAR, Grey, Template
 from grasptrack.statistics import MAD_TO_SD

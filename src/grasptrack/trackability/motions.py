@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack.equality import compared_by_value
-from grasptrack.kernels.reference.homography import displacement_fields, whitening_matrix
+from grasptrack.geometry.homographies import displacement_fields, whitening_matrix
 from grasptrack.typing import Floats
 
 MODELS = {"similarity": 4, "affine": 6, "homography": 8}

@@ -7,7 +7,7 @@ import math
 from typing import Literal, NamedTuple
 
 from grasptrack.grasp.closure_probability import CHANCE
-from grasptrack.kernels.reference.image import WINDOW
+from grasptrack.kernels import EDGE_WINDOW
 from grasptrack.trackability.appearance import MIN_STRENGTH, RELATIVE_STRENGTH
 from grasptrack.trackability.evidence import PEAKS, Settled, Symmetry, Usable, recommended_strategy
 from grasptrack.trackability.motions import SLIDING, Motions
@@ -144,7 +144,7 @@ def _of_outline(found: Findings) -> list[Reason]:
     if whole.weakest < HARDLY:
         share = f"{100.0 * whole.weakest:.0f} %; {100.0 * SLIDING:.0f} % is needed"
         text = f"{WORDS.get(whole.least, 'a tilt')} is hardly told from other motions ({share})"
-        advice = "a sharper image" if looks.sharpness > WINDOW else "more of the object in view, or another object"
+        advice = "a sharper image" if looks.sharpness > EDGE_WINDOW else "more of the object in view, or another object"
         return [Reason(text, advice)]
     return []
 
@@ -178,15 +178,15 @@ def _of_edges(found: Findings) -> list[Reason]:
 
 def _clearer_edge_advice(looks: Looks) -> str:
     """What would make edges clearer."""
-    if looks.sharpness > WINDOW:
+    if looks.sharpness > EDGE_WINDOW:
         return "focus: the edges are blurred"
     if CONTRAST * looks.noise > looks.contrast:
         return "more light: noise hides the edges"
     return "more contrast with the ground, or even light"
 
 
-CONTRAST = WINDOW / RELATIVE_STRENGTH
-"""Times its noise that an image's contrast should be, so that the slope of an edge as wide as WINDOW, as weak as the
+CONTRAST = EDGE_WINDOW / RELATIVE_STRENGTH
+"""Times its noise that an image's contrast should be, so that the slope of an edge as wide as EDGE_WINDOW, as weak as the
 tracker allows, is more than the noise of a pixel."""
 
 

@@ -17,7 +17,7 @@ from grasptrack import kernels
 from grasptrack.errors import ObservationError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.kernels.reference.registration.occlusion import LEAST_SPREAD
+from grasptrack.kernels import LEAST_SPREAD
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.first_look import find_candidates
 from grasptrack.segmentation.hints import Hints

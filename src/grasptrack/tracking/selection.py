@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import similarity_transform
-from grasptrack.kernels.reference.registration.edges import LEAST_HALF, MOST_HALF
-from grasptrack.kernels.reference.registration.occlusion import FIRST, LEAST_SPREAD, NEAR
-from grasptrack.kernels.reference.registration.solver import FINE
-from grasptrack.kernels.reference.registration.target import CELLS
-from grasptrack.kernels.reference.registration.texture import SIDE as PATCH
-from grasptrack.kernels.reference.registration.texture import noise_of
+from grasptrack.kernels import (
+    FINE_LEVELS,
+    FIRST_CELLS,
+    LEAST_HALF_WIDTH,
+    LEAST_SPREAD,
+    MOST_HALF_WIDTH,
+    NEAR_SAMPLES,
+    PATCH_SIDE,
+    REGION_CELLS,
+)
 from grasptrack.statistics import MAD_TO_SD
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Recipe, Target, as_grey, hidden_levels
@@ -42,30 +46,30 @@ def camera_noise(grey: Grey) -> float:
 def select_textured_patches(image: Grey, mask: Grey, stride: int, noise: float, contrast: float, most: int) -> Floats:
     """(n, 2) work px: middles of patches that tell how they moved; `image` is reduced by `stride`, `mask` is not."""
     gradients = [cv2.Sobel(image, cv2.CV_32F, i, 1 - i, ksize=1) * 0.5 for i in (1, 0)]
-    box = (PATCH, PATCH)
+    box = (PATCH_SIDE, PATCH_SIDE)
     xx, xy, yy = (
         cv2.boxFilter(a * b, -1, box, normalize=False)
         for a, b in ((gradients[0], gradients[0]), (gradients[0], gradients[1]), (gradients[1], gradients[1]))
     )
     root = np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
     least, largest = 0.5 * (xx + yy) - root, 0.5 * (xx + yy) + root
-    own = 0.5 * PATCH * PATCH * noise * noise  # of noise alone
+    own = 0.5 * PATCH_SIDE * PATCH_SIDE * noise * noise  # of noise alone
     height, width = image.shape
     allowed = mask[::stride, ::stride][:height, :width] > 0
     score = np.where(allowed[:height, :width], least + 0.1 * largest, 0.0)
     tells = (least > contrast * own) | (largest > 4.0 * contrast * own)
     score = np.where(tells, score, 0.0)
-    rows, columns = -(-height // PATCH), -(-width // PATCH)
-    padded = np.zeros((rows * PATCH, columns * PATCH), np.float32)
+    rows, columns = -(-height // PATCH_SIDE), -(-width // PATCH_SIDE)
+    padded = np.zeros((rows * PATCH_SIDE, columns * PATCH_SIDE), np.float32)
     padded[:height, :width] = score
-    cells = padded.reshape(rows, PATCH, columns, PATCH).transpose(0, 2, 1, 3).reshape(rows * columns, -1)
+    cells = padded.reshape(rows, PATCH_SIDE, columns, PATCH_SIDE).transpose(0, 2, 1, 3).reshape(rows * columns, -1)
     best = cells.argmax(axis=1)
     value = cells[np.arange(len(cells)), best]
     found = np.flatnonzero(value > 0)
-    y = (found // columns) * PATCH + best[found] // PATCH
-    x = (found % columns) * PATCH + best[found] % PATCH
+    y = (found // columns) * PATCH_SIDE + best[found] // PATCH_SIDE
+    x = (found % columns) * PATCH_SIDE + best[found] % PATCH_SIDE
     # the best of every region first, then the second best: what lies close together tells the same
-    side = max(PATCH, math.sqrt(float(allowed.sum()) / most))
+    side = max(PATCH_SIDE, math.sqrt(float(allowed.sum()) / most))
     region = (y // side).astype(int) * (width + 1) + (x // side).astype(int)
     order = np.lexsort((-value[found], region))
     first = np.r_[True, np.diff(region[order]) != 0] if len(order) else np.zeros(0, bool)
@@ -94,8 +98,8 @@ def self_similar_shifts(image: Grey, mask: Grey, noise: float, size: float, numb
     scale = min(1.0, SLIDE_SIZE / size)
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float32)
     inside = cv2.resize(mask, small.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-    mean = cv2.boxFilter(small, -1, (PATCH, PATCH))
-    variance = np.maximum(cv2.boxFilter(small**2, -1, (PATCH, PATCH)) - mean**2, 0.0)
+    mean = cv2.boxFilter(small, -1, (PATCH_SIDE, PATCH_SIDE))
+    variance = np.maximum(cv2.boxFilter(small**2, -1, (PATCH_SIDE, PATCH_SIDE)) - mean**2, 0.0)
     textured = inside & (variance > numbers.texture_contrast * (noise * scale) ** 2)
     if float(textured.sum()) < OVERLAP * float(inside.sum()) or not inside.any():
         return np.zeros((0, 2))
@@ -232,10 +236,10 @@ def make_target(
     stride, reduced, count = 1, image, PATCHES
     while stride == 1 or stride <= size / 16.0:
         inside = as_grey(cv2.erode(surface_mask, np.ones((3, 3), np.uint8)))
-        side = PATCH * stride + 2 * (stride - 1)  # a pixel of a halved image takes in its neighbours
+        side = PATCH_SIDE * stride + 2 * (stride - 1)  # a pixel of a halved image takes in its neighbours
         inside = as_grey(cv2.erode(inside, np.ones((side, side), np.uint8), borderValue=0))
         centres = select_textured_patches(
-            reduced, inside, stride, noise_of(noise, stride), numbers.texture_contrast, count
+            reduced, inside, stride, kernels.patch_noise(noise, stride), numbers.texture_contrast, count
         )
         texture = levels, centres, float(stride)
         recipe.textures.append(texture)
@@ -245,10 +249,12 @@ def make_target(
         reduced, stride, count = as_grey(cv2.pyrDown(reduced)), 2 * stride, max(30, count // 2)
     turns, is_round = _symmetry_turns(view, A)
     # the outline of a disc turns on itself: beside it only the ground would tell, which need not turn with it
-    around = np.ones((2 * PATCH + 1, 2 * PATCH + 1) if is_round else (9, 9), np.uint8)
+    around = np.ones((2 * PATCH_SIDE + 1, 2 * PATCH_SIDE + 1) if is_round else (9, 9), np.uint8)
     followed = as_grey(cv2.erode(mask, around, borderValue=0) if is_round else cv2.dilate(mask, around))
     half = as_grey(cv2.pyrDown(image))
-    corners = select_textured_patches(half, followed, 2, noise_of(noise, 2.0), numbers.texture_contrast, CORNERS)
+    corners = select_textured_patches(
+        half, followed, 2, kernels.patch_noise(noise, 2.0), numbers.texture_contrast, CORNERS
+    )
     strides = [float(1 << k) for k in range(1, 5) if k == 1 or (1 << k) <= size / 16.0]
     return Target(
         view,
@@ -269,7 +275,7 @@ def make_target(
         is_round,
         self_similar_shifts(image, surface_mask, noise, size, numbers),
         patches,
-        tuple(counts[:FINE]),
+        tuple(counts[:FINE_LEVELS]),
         edges.share,
         edges.width,
         noise,
@@ -294,7 +300,7 @@ class _Edges(NamedTuple):
 
 def _detect_edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float) -> _Edges:
     """The edges near samples of the outline, by a filter as wide as they are: a narrow one finds only noise on a wide edge."""
-    half, wanted = 0, LEAST_HALF
+    half, wanted = 0, LEAST_HALF_WIDTH
     while half < wanted:  # by the outline as it was found: where a narrow filter answers, noise is steep
         half = wanted
         wanted = _filter_half_width(
@@ -310,7 +316,7 @@ def _detect_edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats
 def _filter_half_width(width: Floats, half: int) -> int:
     """Work px on each side of edges (n,) so wide that tell where they are: two standard deviations."""
     told = width[np.isfinite(width)]
-    return min(max(int(2.0 * float(np.median(told))), LEAST_HALF), MOST_HALF) if len(told) else half
+    return min(max(int(2.0 * float(np.median(told))), LEAST_HALF_WIDTH), MOST_HALF_WIDTH) if len(told) else half
 
 
 def _edges_by(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float, half: int) -> _Edges:
@@ -435,7 +441,7 @@ def _region_cells(
 ) -> tuple[Floats, Floats, Floats]:
     """(16,) depths, work px; (N, 16) grey levels so deep inside, NaN off the material; (N, 16) whether it ends so far out."""
     last = max(2.0 * FIRST_CELL, REGION * size)
-    depth = FIRST_CELL + (last - FIRST_CELL) * np.linspace(0.0, 1.0, CELLS) ** WIDER
+    depth = FIRST_CELL + (last - FIRST_CELL) * np.linspace(0.0, 1.0, REGION_CELLS) ** WIDER
     height, width = mask.shape
 
     def cell(signed: Floats, values: Grey) -> Floats:
@@ -455,10 +461,10 @@ def _region_cells(
 
 def _level_along(cells: Floats) -> tuple[Floats, Floats]:
     """(N,) median of the first cells (N, 16) of a sample and its neighbours; (N,) how far off a cell is not of that."""
-    n, near = len(cells), np.arange(-NEAR, NEAR + 1)
+    n, near = len(cells), np.arange(-NEAR_SAMPLES, NEAR_SAMPLES + 1)
     if n == 0:
         return np.zeros(0), np.zeros(0)
-    around = cells[(np.arange(n)[:, None] + near) % n, :FIRST].reshape(n, -1)
+    around = cells[(np.arange(n)[:, None] + near) % n, :FIRST_CELLS].reshape(n, -1)
     known = np.asarray(np.isfinite(around).any(axis=1))
     around = np.where(known[:, None], around, 0.0)
     level = np.nanmedian(around, axis=1)
@@ -469,10 +475,10 @@ def _level_along(cells: Floats) -> tuple[Floats, Floats]:
 def _background_ring_points(mask: Grey) -> Floats:
     """(n, 2) work px: a grid round the object, as far as the image of the first view is wide."""
     height, width = mask.shape
-    step = max(PATCH, math.sqrt(width * height) / RING)
+    step = max(PATCH_SIDE, math.sqrt(width * height) / RING)
     x, y = np.meshgrid(np.arange(-0.5 * width, 1.5 * width, step), np.arange(-0.5 * height, 1.5 * height, step))
     places = np.column_stack([x.ravel(), y.ravel()])
-    reach = 2 * PATCH + 1
+    reach = 2 * PATCH_SIDE + 1
     grown = cv2.dilate(
         cv2.copyMakeBorder(mask, reach, reach, reach, reach, cv2.BORDER_CONSTANT), np.ones((reach, reach), np.uint8)
     )

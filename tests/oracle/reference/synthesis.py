@@ -10,10 +10,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference.checks import check_finite, check_indices, check_outline
-from grasptrack.kernels.reference.geometry import find_place
 from grasptrack.kernels.results import RankedCandidates, RankedGrasps, RankingLimits, WrenchSpace
 from grasptrack.typing import Bools, Floats, Ints
+from reference.checks import check_finite, check_indices, check_outline
+from reference.geometry import find_place
 
 __all__ = ["finger_clearance", "rank_grasps"]
 

@@ -8,9 +8,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference.geometry import arc_length, blend_normals, resample
+from grasptrack.kernels import EDGE_WINDOW
 from grasptrack.kernels.results import TracedEdges, TraceOptions
 from grasptrack.typing import Bools, Floats
+from reference.geometry import arc_length, blend_normals, resample
 
 __all__ = ["blur_threshold", "edge_links", "search_along_normals", "trace_edges"]
 
@@ -20,11 +21,10 @@ __all__ = ["blur_threshold", "edge_links", "search_along_normals", "trace_edges"
 Image = NDArray[np.uint8] | NDArray[np.float32]
 
 SPACING = 0.5  # px between samples
-WINDOW = 3.0  # px on either side of the edge whose gradients count, ever less outward
 AWAY = 1.5  # px from the edge where its two sides begin
 SETTLED = 1e-3  # px; Newton's steps halve their digits, so that the next would change nothing
 MIN_SAMPLES = 7
-MARGIN = int((WINDOW + 1) / SPACING) + 1  # samples that the window of an edge may need beyond it
+MARGIN = int((EDGE_WINDOW + 1) / SPACING) + 1  # samples that the window of an edge may need beyond it
 
 
 def _sample_profile(image: Image, x: float, y: float, nx: float, ny: float, half: int) -> Floats:
@@ -46,7 +46,7 @@ def _sample_profile(image: Image, x: float, y: float, nx: float, ny: float, half
 
 
 def _gradient_centroid(profile: Floats, start: float, sign: float, peak: float) -> float:
-    """Where gradients of one sign balance under the weight u (1 - u^2), u = (x - centre) / WINDOW, near `peak`.
+    """Where gradients of one sign balance under the weight u (1 - u^2), u = (x - centre) / EDGE_WINDOW, near `peak`.
 
     By Newton's steps. A weight that fades out does not feel where the samples lie.
     """
@@ -54,13 +54,13 @@ def _gradient_centroid(profile: Floats, start: float, sign: float, peak: float) 
     along = start + SPACING * (np.arange(len(gradient)) + 0.5)
     centre = peak
     for _ in range(3):
-        u = (along - centre) / WINDOW
+        u = (along - centre) / EDGE_WINDOW
         weight = np.maximum(1 - u * u, 0.0)
         mass = float((weight * gradient).sum())
         moment = float((weight * u * gradient).sum())
         rate = float(((1 - 3 * u * u) * gradient)[weight > 0].sum())
         before = centre
-        centre = min(max(centre + WINDOW * moment / max(rate, 0.2 * mass), peak - 1.0), peak + 1.0)
+        centre = min(max(centre + EDGE_WINDOW * moment / max(rate, 0.2 * mass), peak - 1.0), peak + 1.0)
         if abs(centre - before) < SETTLED:
             break
     return centre

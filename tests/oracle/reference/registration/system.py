@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.kernels.reference.registration.camera import pinhole_rows
-from grasptrack.kernels.reference.registration.edges import Light
-from grasptrack.kernels.reference.registration.pyramid import inverse_definite
-from grasptrack.kernels.reference.registration.target import Target
 from grasptrack.typing import Floats
+from reference.registration.camera import pinhole_rows
+from reference.registration.edges import Light
+from reference.registration.pyramid import inverse_definite
+from reference.registration.target import Target
 
 NUISANCES = 4
 """What is not known of part and camera: the part's thickness, and theta."""

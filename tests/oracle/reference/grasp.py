@@ -9,10 +9,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference.checks import check_outline, check_size
-from grasptrack.kernels.reference.geometry import find_place
 from grasptrack.kernels.results import Closure, StablePairs, StableTriples
 from grasptrack.typing import Floats
+from reference.checks import check_outline, check_size
+from reference.geometry import find_place
 
 __all__ = ["closing_triples", "contact_frames", "force_closure", "opposed_pairs"]
 

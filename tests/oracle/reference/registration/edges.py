@@ -8,20 +8,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.kernels.reference.registration.pyramid import (
+from grasptrack.kernels import MOST_HALF_WIDTH
+from grasptrack.typing import Bools, Floats, Ints
+from reference.registration.pyramid import (
     Level,
     Pyramid,
     level_through,
     transform_points,
     upper_median,
 )
-from grasptrack.kernels.reference.registration.target import INNER, INNER_FIRST, Target
-from grasptrack.typing import Bools, Floats, Ints
+from reference.registration.target import INNER, INNER_FIRST, Target
 
 MOST = 6
 """Candidates of a sample at most: the strongest."""
-LEAST_HALF, MOST_HALF = 2, 12
-"""Work px on each side of an edge that are averaged."""
 DISPLACED = 0.55
 """Of `half`, by noise as strong as the step: standard deviation of an edge's place, as edges drawn at any angle show."""
 BEYOND = 16
@@ -176,7 +175,7 @@ def edge_width(values: Floats, half: Ints) -> Floats:
 def edge_widths(target: Target, pyramid: Pyramid, G: Floats, places: Floats, half: Ints) -> Floats:
     """(n,) work px, standard deviation of each sample's edge at its place (n, 2), seen through G (3, 3), see `edge_width`."""
     level, H = level_through(pyramid, G, target.centre, 1.0)
-    values, _ = sample_profiles(level, H, places, target.normals, MOST_HALF + 2)
+    values, _ = sample_profiles(level, H, places, target.normals, MOST_HALF_WIDTH + 2)
     return edge_width(values, half)
 
 

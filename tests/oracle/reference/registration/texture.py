@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.kernels.reference.registration.pyramid import (
+from grasptrack.kernels import PATCH_SIDE
+from grasptrack.typing import Bools, Floats
+from reference.registration.pyramid import (
     Pyramid,
     homography_derivatives,
     inverse_definite,
@@ -17,12 +19,9 @@ from grasptrack.kernels.reference.registration.pyramid import (
     transform_points,
     upper_median,
 )
-from grasptrack.kernels.reference.registration.target import Patches, Target
-from grasptrack.typing import Bools, Floats
+from reference.registration.target import Patches, Target
 
-SIDE = 7
-"""Pixels of a patch's side."""
-PIXELS = SIDE * SIDE
+PIXELS = PATCH_SIDE * PATCH_SIDE
 MEDIAN = 1.386
 """Of chi-squared with two degrees of freedom."""
 
@@ -110,7 +109,7 @@ def _sample_lattice(pyramid: Pyramid, G: Floats, places: Floats, stride: float, 
 
 def cut_patches(target: Target, pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> Patches:
     """Patches of an image seen through G (3, 3) round places (m, 2), `stride` work px a pixel; those whole in view."""
-    inside, values = _sample_lattice(pyramid, G, places, stride, SIDE // 2 + 1)
+    inside, values = _sample_lattice(pyramid, G, places, stride, PATCH_SIDE // 2 + 1)
     values = values[inside]
     m = len(values)
     raw = values[:, 1:-1, 1:-1].reshape(m, PIXELS)
@@ -157,13 +156,13 @@ def _shift_derivatives(target: Target, patches: Patches, own: Floats, values: Fl
         own: (m, 2, 49) gradients of which a gain or a bias of the light changes nothing.
         values: (m, 9, 9) grey levels.
     """
-    m, half = len(patches), SIDE // 2
+    m, half = len(patches), PATCH_SIDE // 2
     j, i = np.mgrid[-half : half + 1, -half : half + 1]
     pixels = patches.places[:, None] + patches.stride * np.column_stack([i.ravel(), j.ravel()])
     J = target.jacobian(pixels.reshape(-1, 2)).reshape(m, PIXELS, 2, 8)
     changes = own @ np.einsum("npk,nkpa->nka", _scharr_gradients(values) / patches.stride, J)
     axes, power = _gradient_axes(patches)
-    alone = _noise_gradient_energy(noise_of(target.noise, patches.stride), patches.stride)
+    alone = _noise_gradient_energy(patch_noise(target.noise, patches.stride), patches.stride)
     moved = np.einsum("snp,npa->sna", axes, changes - SHARED * alone * target.jacobian(patches.places))
     shift = (axes * moved[..., :2]).sum(axis=2)  # a shift along the axis
     tells = ((power > alone) & (shift > 0))[..., None]
@@ -201,7 +200,7 @@ def _round_to_float32(values: Floats) -> Floats:
     return values.astype(np.float32).astype(np.float64)
 
 
-def noise_of(camera: float, stride: float) -> float:
+def patch_noise(camera: float, stride: float) -> float:
     """Grey levels, of the camera's noise in pixels `stride` apart: at least that of 8 bits.
 
     Halving an image leaves little more than a quarter of it, halving it again the half of that.
@@ -221,10 +220,10 @@ def match_patches(
         floor: work px, error that the model does not explain.
     """
     m, stride = len(patches), patches.stride
-    inside, values = _sample_lattice(pyramid, G, places, stride, SIDE // 2)
+    inside, values = _sample_lattice(pyramid, G, places, stride, PATCH_SIDE // 2)
     value = values.reshape(m, PIXELS)
     value = value - value.mean(axis=1, keepdims=True)
-    noise = noise_of(camera, patches.stride)
+    noise = patch_noise(camera, patches.stride)
     grain = PIXELS * noise * noise
     own, cross = (value * value).sum(axis=1), (value * patches.value).sum(axis=1)
     ex, ey = (value * patches.gx).sum(axis=1), (value * patches.gy).sum(axis=1)

@@ -12,28 +12,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.kernels.reference.registration.edges import Candidates, Light
-from grasptrack.kernels.reference.registration.pyramid import (
+from grasptrack.kernels import FIRST_CELLS, LEAST_SPREAD, NEAR_SAMPLES, REGION_CELLS
+from grasptrack.statistics import MAD_TO_SD
+from grasptrack.typing import Bools, Floats
+from reference.registration.edges import Candidates, Light
+from reference.registration.pyramid import (
     Pyramid,
     clamp_to_int,
     level_through,
     transform_points,
     upper_median,
 )
-from grasptrack.kernels.reference.registration.target import CELLS, Target
-from grasptrack.statistics import MAD_TO_SD
-from grasptrack.typing import Bools, Floats
+from reference.registration.target import Target
 
 SEEN = 0.7
 """Probability of an edge from which on a sample counts as seen by its neighbours."""
-NEAR, ENOUGH, ASKED = 8, 4, 12
-"""Seen samples on each side that count for what lies there, that must be there, and samples that are asked."""
-FIRST = 4
-"""Cells beside the outline that tell the levels here, and whether a side is as it was."""
+ENOUGH, ASKED = 4, 12
+"""Seen samples on each side that must be there, and samples that are asked."""
 EDGE, BEHIND = 1, 2
 """Cells of a notch's or tab's boundary, and beyond it."""
-LEAST_SPREAD = 3.0
-"""Grey levels that are added to any spread."""
 CLOSE, FAINT = 2.0, 0.25
 """Work px from where an edge is expected, and share of the first contrast, from which on a boundary is one."""
 SEEN_ODDS, BOUNDED_ODDS = 20.0, 0.3
@@ -187,12 +184,12 @@ def other_shape(
         back_in = _log_cells(material[i], back.level, back.spread, numbers)
         own_out = _log_cells(beyond[i], own, varied, numbers)
         back_out = _log_cells(beyond[i], back.level, back.spread, numbers)
-        as_inside, as_outside = _known_mean(own_in[:FIRST], 0.0), _known_mean(back_out[:FIRST], 0.0)
+        as_inside, as_outside = _known_mean(own_in[:FIRST_CELLS], 0.0), _known_mean(back_out[:FIRST_CELLS], 0.0)
         notch = min(_best_depth_score(back_in, own_in, shallow, least), as_outside)
         tab = min(_best_depth_score(own_out, back_out, shallow, least), as_inside)
         ground, more = (
-            min(_known_mean(back_in[:FIRST], least), as_outside),
-            min(_known_mean(own_out[:FIRST], least), as_inside),
+            min(_known_mean(back_in[:FIRST_CELLS], least), as_outside),
+            min(_known_mean(own_out[:FIRST_CELLS], least), as_inside),
         )
         agreement = np.array([min(as_inside, as_outside), max(notch, tab), ground, more])
         ratio = np.exp(np.clip(numbers.power * agreement, -MOST_LOG, MOST_LOG))
@@ -222,7 +219,7 @@ class _Levels(NamedTuple):
 
 
 def _levels_near(i: int, visible: Floats, cells: Floats, far: int) -> _Levels | None:
-    """Levels of the first cells (n, CELLS) of the nearest visible samples, beyond the stretch that is not seen.
+    """Levels of the first cells (n, REGION_CELLS) of the nearest visible samples, beyond the stretch that is not seen.
 
     NaN where a cell does not count. A side on which the stretch goes on for `far` samples tells nothing: what lies far from
     all that fits is not known. None where neither side tells.
@@ -235,12 +232,12 @@ def _levels_near(i: int, visible: Floats, cells: Floats, far: int) -> _Levels | 
         if first > far:
             continue
         around = [(i + side * step) % n for step in range(first, min(first + ASKED, n))]
-        found = [j for j in around if not visible[j] < SEEN][:NEAR]
+        found = [j for j in around if not visible[j] < SEEN][:NEAR_SAMPLES]
         sides += len(found) >= ENOUGH
         asked += found
-    levels = cells[asked, :FIRST].ravel()
+    levels = cells[asked, :FIRST_CELLS].ravel()
     levels = levels[~np.isnan(levels)]
-    if not sides or len(levels) < 3 * FIRST:
+    if not sides or len(levels) < 3 * FIRST_CELLS:
         return None
     level = upper_median(levels)
     return _Levels(level, MAD_TO_SD * upper_median(np.abs(levels - level)) + LEAST_SPREAD, sides == 2)
@@ -267,12 +264,12 @@ def _best_depth_score(strange: Floats, usual: Floats, shallow: int, least: float
     front of the object goes on.
 
     Args:
-        strange, usual: (CELLS,) nats of either; NaN where a cell does not count.
+        strange, usual: (REGION_CELLS,) nats of either; NaN where a cell does not count.
         shallow: cells, the least depth.
         least: of a side without cells.
     """
     ways = (
         min(_known_mean(strange[:d], least), _known_mean(usual[d + EDGE : d + EDGE + BEHIND], 0.0))
-        for d in range(shallow, CELLS - BEHIND)
+        for d in range(shallow, REGION_CELLS - BEHIND)
     )
     return max(ways, default=-math.inf)

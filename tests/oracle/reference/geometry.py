@@ -8,9 +8,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference.checks import check_contour, check_outline, check_within
 from grasptrack.kernels.results import CurvatureVector, PolygonMoments
 from grasptrack.typing import Floats
+from reference.checks import check_contour, check_outline, check_within
 
 __all__ = [
     "arc_length",
@@ -102,7 +102,8 @@ def curvature_vector(
     Args:
         points: (N, 2) px.
         clipped: (N,) True where the image border shapes the contour instead of the object, or None.
-        smoothing: step of `curvature` as a fraction of the length, above 0 and at most a quarter.
+        smoothing: distance, as a fraction of the length, between the box means whose chords tell the curvature: above 0 and
+            at most a quarter.
         whole: px, the length that smoothing and curvature refer to; 0 for the contour's own. What is left of a clipped
             outline has another length than the whole.
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from grasptrack.kernels.reference.registration.pyramid import homography_derivatives, inverse_definite, transform_points
-from grasptrack.kernels.reference.registration.target import Target
 from grasptrack.kernels.results import FusedPose, PlacedContacts, SurfaceEvidence
 from grasptrack.typing import Floats
+from reference.registration.pyramid import homography_derivatives, inverse_definite, transform_points
+from reference.registration.target import Target
 
 BEFORE = 1e-6
 """Of eq. (2)'s lambda: from here on a point lies before the camera."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Homographies of four points, what they do to points and normals, and those near the identity."""
+"""Homographies of four points, and what they do to points and normals."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from grasptrack.geometry.contours import cubic_point
 from grasptrack.kernels.results import CarriedPoints, Distortion, FittedHomography
 from grasptrack.typing import Floats
 
@@ -105,7 +106,7 @@ def distortion(H: Floats, points: Floats) -> Distortion:
 
 
 def fit_homography(points1: Floats, indices1: list[int], points2: Floats, places2: list[float]) -> FittedHomography:
-    """`homography_4` of four samples of one contour and four places on another, and its `distortion` at the samples.
+    """Eq. (1): H of four samples of one contour and four places on another, and its `distortion` at the samples.
 
     Args:
         points1, points2: (N, 2), (N', 2) px.
@@ -114,7 +115,7 @@ def fit_homography(points1: Floats, indices1: list[int], points2: Floats, places
             the contour is taken as the cubic curve through them, which cuts no corners as its sides do.
 
     Raises:
-        ValueError: as `homography_4`, or other than four, or one out of range.
+        ValueError: three points in a row in either set, or points that are not finite; other than four, or one out of range.
     """
     places: list[tuple[Floats, list[int] | list[float]]] = [(points1, indices1), (points2, places2)]
     for points, chosen in places:
@@ -124,19 +125,7 @@ def fit_homography(points1: Floats, indices1: list[int], points2: Floats, places
     return FittedHomography(H, *distortion(H, points1[indices1]))
 
 
-def cubic_point(points: Floats, place: float) -> Floats:
-    """(2,) of a closed contour at a place: Hermite's cubic, its tangents across the neighbours' chords."""
-    n, i = len(points), int(place)
-    f = place - i
-    a, b, c, d = (points[(i + k) % n] for k in (-1, 0, 1, 2))
-    if f == 0.0:
-        return np.asarray(b)
-    ab, bc, cd = (float(np.hypot(*(q - p))) for p, q in ((a, b), (b, c), (c, d)))
-    m, k = ((q - p) * (bc / run) if run > 0.0 else 0.0 * p for p, q, run in ((a, c, ab + bc), (b, d, bc + cd)))
-    return np.asarray(b + f * (m + f * (3.0 * (c - b) - 2.0 * m - k + f * (2.0 * (b - c) + m + k))))
-
-
-# --- Normals under a homography, and homographies near the identity -----
+# --- Normals under a homography -----
 
 
 def carry_normals(H: Floats, points: Floats, normals: Floats) -> Floats:
@@ -160,60 +149,3 @@ def carry_normals(H: Floats, points: Floats, normals: Floats) -> Floats:
     with np.errstate(invalid="ignore", divide="ignore"):
         size = np.sqrt(nx * nx + ny * ny) * np.sign(determinant)
         return np.column_stack([u, v, nx / size, ny / size, determinant])
-
-
-SLIGHT = 1e-6
-"""Motions that displace the outline by less than the root of this, relative to the largest, are none of their own."""
-
-
-MOTIONS = np.zeros((8, 3, 3))
-"""To each parameter the part of a homography near the identity that is linear in it."""
-MOTIONS[0, 0, 2] = MOTIONS[1, 1, 2] = 1.0  # shifts
-MOTIONS[2, (0, 1), (0, 1)] = 1.0  # scale
-MOTIONS[3, (0, 1), (1, 0)] = -1.0, 1.0  # turn
-MOTIONS[4, (0, 1), (0, 1)] = 1.0, -1.0  # stretches
-MOTIONS[5, (0, 1), (1, 0)] = 1.0
-MOTIONS[6, 2, 0] = MOTIONS[7, 2, 1] = -1.0  # bends
-
-
-def displacement_fields(points: Floats) -> Floats:
-    """(m, 2, 8): how the 8 parameters of a homography near the identity move points (m, 2), per unit of each.
-
-    Translation; scale and rotation; the two shears of an affine map; the two bends of perspective.
-    """
-    x, y = points[:, 0], points[:, 1]
-    one, zero = np.ones_like(x), np.zeros_like(x)
-    return np.stack(
-        [
-            np.stack([one, zero, x, -y, x, y, x * x, x * y], axis=1),
-            np.stack([zero, one, y, x, -y, x, x * y, y * y], axis=1),
-        ],
-        axis=1,
-    )
-
-
-def near_identity(x: Floats, centre: Floats, radius: float) -> Floats:
-    """(3, 3) the homography near the identity whose displacements are those of `displacement_fields`.
-
-    Args:
-        x: (8,) parameters, in radii.
-        centre: (2,) px.
-        radius: px.
-    """
-    M = np.eye(3) + np.tensordot(x, MOTIONS, 1)
-    N = np.array([[1.0, 0.0, -centre[0]], [0.0, 1.0, -centre[1]], [0.0, 0.0, radius]]) / radius
-    back = np.array([[radius, 0.0, centre[0]], [0.0, radius, centre[1]], [0.0, 0.0, 1.0]])
-    return np.asarray(back @ M @ N, dtype=np.float64)
-
-
-def whitening_matrix(fields: Floats) -> Floats:
-    """(n, n) parameters of as many motions that each displace points by 1 px rms, the least of them bounded."""
-    if not len(fields):
-        return np.eye(fields.shape[2])
-    size, V = np.linalg.eigh(np.einsum("mik,mil->kl", fields, fields) / len(fields))
-    return np.asarray(V / np.sqrt(np.maximum(size, SLIGHT * size[-1])))
-
-
-def lower_median(values: Floats) -> float:
-    """The middle value, of two the lower one; 0 of none."""
-    return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0

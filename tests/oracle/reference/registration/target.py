@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference.registration.pyramid import inverse_homography
 from grasptrack.typing import Floats
+from reference.registration.pyramid import inverse_homography
 
 Singles = NDArray[np.float32]
 
@@ -17,8 +17,6 @@ INNER = 6
 """Grey levels of an edge's inner side that are kept, ..."""
 INNER_FIRST = -7
 """... from so many px inside (negative) outward."""
-CELLS = 16
-"""Depths on each side of the outline at which grey levels are compared."""
 
 
 @dataclass(frozen=True)
@@ -82,9 +80,9 @@ class Target:
         inner: (n, INNER) grey levels inside each.
         surface, surface_value: (s, 2) where gain and bias of the light are measured, (s,) grey levels there.
         contacts: (k, 2).
-        depth: (CELLS,) work px from the outline.
-        inside: (n, CELLS) grey levels that deep inside; NaN where there is no material.
-        outside: (n, CELLS) above 0 where that far outside is outside.
+        depth: (REGION_CELLS,) work px from the outline.
+        inside: (n, REGION_CELLS) grey levels that deep inside; NaN where there is no material.
+        outside: (n, REGION_CELLS) above 0 where that far outside is outside.
         texture: fine to coarse.
         rows: (n, 8) derivatives of a sample's offset along its normal by the pose's error.
         along: (n, 8) the same of its shift along the outline.

@@ -7,8 +7,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from grasptrack.kernels.reference.checks import check_contour
 from grasptrack.typing import Floats
+from reference.checks import check_contour
 
 __all__ = ["first_crossing"]
 

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from grasptrack.kernels.reference.registration.camera import Pinhole
-from grasptrack.kernels.reference.registration.edges import (
-    LEAST_HALF,
-    MOST_HALF,
+from grasptrack.kernels import FINE_LEVELS, LEAST_HALF_WIDTH, MOST_HALF_WIDTH
+from grasptrack.statistics import MAD_TO_SD
+from grasptrack.typing import Floats, Ints
+from reference.registration.camera import Pinhole
+from reference.registration.edges import (
     Candidates,
     EdgeNumbers,
     edge_likelihoods,
@@ -20,14 +21,14 @@ from grasptrack.kernels.reference.registration.edges import (
     misplaced_edge_log_ratio,
     surface_light,
 )
-from grasptrack.kernels.reference.registration.occlusion import (
+from reference.registration.occlusion import (
     NEVER,
     RegionNumbers,
     forward_backward,
     has_boundary,
     other_shape,
 )
-from grasptrack.kernels.reference.registration.pyramid import (
+from reference.registration.pyramid import (
     Pyramid,
     clamp_to_int,
     inverse_definite,
@@ -35,7 +36,7 @@ from grasptrack.kernels.reference.registration.pyramid import (
     transform_points,
     upper_median,
 )
-from grasptrack.kernels.reference.registration.system import (
+from reference.registration.system import (
     Beliefs,
     Solution,
     Start,
@@ -47,8 +48,8 @@ from grasptrack.kernels.reference.registration.system import (
     system_about,
     with_correlated,
 )
-from grasptrack.kernels.reference.registration.target import Target, bent
-from grasptrack.kernels.reference.registration.texture import (
+from reference.registration.target import Target, bent
+from reference.registration.texture import (
     Matches,
     TextureFit,
     TextureNumbers,
@@ -58,16 +59,12 @@ from grasptrack.kernels.reference.registration.texture import (
     join_matches,
     match_patches,
 )
-from grasptrack.statistics import MAD_TO_SD
-from grasptrack.typing import Floats, Ints
 
 ROUNDS, DIRECT, TEXTURE_ROUNDS = 8, 4, 3
 FIRST_EDGE_ROUNDS, EDGE_ROUNDS = 3, 4
 """Times that edges are weighed: after the first step they are looked for anew anyway."""
 ENOUGH_EDGES = 30
 """Samples of the outline below which its edges are not looked at."""
-FINE = 3
-"""Levels of texture that are used beside the edges."""
 LEAST_REACH, MOST_REACH, FARTHEST = 4, 30, 1000
 """Work px within which edges are looked for; the last bounds what a caller may ask for."""
 MOST_SPAN = 46
@@ -191,7 +188,7 @@ class Solver:
         self._tell_readout(unknowns, x, texture, out)
         P = P + np.outer(d, d)  # an answer that still moves is not known better than by its last step
         if not settled:  # else the last step moved none of them
-            self.matches = self._match_levels(0, FINE, G)
+            self.matches = self._match_levels(0, FINE_LEVELS, G)
         out.G, out.P, out.valid = G, P, True
         self._evaluate_evidence(out, edges, nuisance[0], spread[0, 0])
         return out
@@ -253,7 +250,7 @@ class Solver:
 
     def _fit_texture(self, G: Floats, A: Floats, b: Floats, out: Solution) -> TextureFit:
         """The finest levels; coarser ones tell where blur has taken the finest one."""
-        matches = self.matches = self._match_levels(0, FINE, G)
+        matches = self.matches = self._match_levels(0, FINE_LEVELS, G)
         if len(matches.inside) < 4:
             return empty_fit()
         fit = fit_patches(matches, A, b, self.texture_numbers)
@@ -283,9 +280,9 @@ class Solver:
 
     def _half_widths(self, G: Floats) -> Ints:
         """(n,) of the edge filter: two standard deviations of an edge at rest, and the way that it moves."""
-        rest = clamp_to_int(2.0 * self.start.edge_width, LEAST_HALF, MOST_HALF)
-        wide = np.clip(rest + self._motion_blur(G), LEAST_HALF, MOST_HALF)
-        return np.where(np.isnan(wide), LEAST_HALF, wide).astype(np.int64)
+        rest = clamp_to_int(2.0 * self.start.edge_width, LEAST_HALF_WIDTH, MOST_HALF_WIDTH)
+        wide = np.clip(rest + self._motion_blur(G), LEAST_HALF_WIDTH, MOST_HALF_WIDTH)
+        return np.where(np.isnan(wide), LEAST_HALF_WIDTH, wide).astype(np.int64)
 
     def _learn_widths(self, G: Floats, half: Ints, seen: Floats, out: Solution) -> Floats:
         """How wide the edges are that are seen (n,), where next to nothing moves across them, and what much motion adds.
@@ -468,7 +465,7 @@ class Solver:
                 self.power,
             )
         correlation = np.where(self.matches.inside, self.matches.correlation, np.nan)
-        counts = [len(patches) for patches in target.texture[:FINE]]
+        counts = [len(patches) for patches in target.texture[:FINE_LEVELS]]
         out.correlation = np.split(correlation, np.cumsum(counts)[:-1]) if counts else []
 
 

@@ -8,7 +8,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference.checks import (
+from grasptrack.geometry.homographies import displacement_fields, near_identity
+from grasptrack.kernels.results import AlignmentSteps, CyclicShift
+from grasptrack.statistics import lower_median, robust_sd
+from grasptrack.typing import Floats
+from reference.checks import (
     check_arc,
     check_contour,
     check_outline,
@@ -16,11 +20,8 @@ from grasptrack.kernels.reference.checks import (
     check_size,
     check_within,
 )
-from grasptrack.kernels.reference.geometry import polygon_moments, resample
-from grasptrack.kernels.reference.homography import carry_normals, displacement_fields, lower_median, near_identity
-from grasptrack.kernels.results import AlignmentSteps, CyclicShift
-from grasptrack.statistics import robust_sd
-from grasptrack.typing import Floats
+from reference.geometry import polygon_moments, resample
+from reference.homography import carry_normals
 
 __all__ = ["align_outlines", "align_projective", "initial_alignments", "outline_gaps"]
 

@@ -9,8 +9,6 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference.checks import check_arc, check_indices, check_outline, check_size, check_within
-from grasptrack.kernels.reference.geometry import nearest_crossings, polygon_moments
 from grasptrack.kernels.results import (
     CarriedLine,
     CurvatureMatches,
@@ -22,6 +20,8 @@ from grasptrack.kernels.results import (
     SelectedPoints,
 )
 from grasptrack.typing import Floats, Ints
+from reference.checks import check_arc, check_indices, check_outline, check_size, check_within
+from reference.geometry import nearest_crossings, polygon_moments
 
 __all__ = [
     "best_quadrilateral",
@@ -113,7 +113,8 @@ def select_points(
         points: (N, 2) px.
         arc: (N + 1,) arc length, px.
         curvature: (N,) curvature vector, also the points' weight.
-        separation, prominence: see `curvature_peaks`.
+        separation: px along the contour between two peaks of curvature, at least.
+        prominence: least rise of a peak above the lowest curvature within 3 separations, on either side.
 
     Returns:
         Indices of the peaks, the best four first in rising order of strength rank, then the others, strongest

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.kernels.reference.registration.pyramid import inverse_homography
-from grasptrack.kernels.reference.registration.target import Target
 from grasptrack.typing import Floats
+from reference.registration.pyramid import inverse_homography
+from reference.registration.target import Target
 
 POSE_STEP, CAMERA_STEP = 0.1, 1e-3
 """Of the differences that stand for derivatives: work px, and units of theta."""

@@ -9,23 +9,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasptrack.kernels.reference.registration.camera import pinhole_rows
-from grasptrack.kernels.reference.registration.edges import (
-    LEAST_HALF,
-    MOST_HALF,
+from grasptrack.kernels import LEAST_HALF_WIDTH, MOST_HALF_WIDTH, REGION_CELLS
+from grasptrack.kernels.results import FusedPose, PinholeMisfit, PlacedContacts, StrongestEdges
+from grasptrack.typing import Floats
+from reference.registration.camera import pinhole_rows
+from reference.registration.edges import (
     Light,
     edge_width,
     find_candidates,
     sample_profiles,
 )
-from grasptrack.kernels.reference.registration.estimate import fuse_predictions, project_contacts
-from grasptrack.kernels.reference.registration.pyramid import Level, Pyramid, level_through
-from grasptrack.kernels.reference.registration.solver import FARTHEST, Solver
-from grasptrack.kernels.reference.registration.system import Start
-from grasptrack.kernels.reference.registration.target import CELLS, INNER, INNER_FIRST, Patches, Target
-from grasptrack.kernels.reference.registration.texture import TextureNumbers, cut_patches, follow_look
-from grasptrack.kernels.results import FusedPose, PinholeMisfit, PlacedContacts, StrongestEdges
-from grasptrack.typing import Floats
+from reference.registration.estimate import fuse_predictions, project_contacts
+from reference.registration.pyramid import Level, Pyramid, level_through
+from reference.registration.solver import FARTHEST, Solver
+from reference.registration.system import Start
+from reference.registration.target import INNER, INNER_FIRST, Patches, Target
+from reference.registration.texture import TextureNumbers, cut_patches, follow_look
 
 Grey = NDArray[np.uint8]
 
@@ -66,10 +65,12 @@ class PoseTarget:
     """What was chosen in the reference view, looked for in other images.
 
     Places are in work px: the reference view, cut out and reduced. A pose G (3, 3) carries them to px of an image, and its
-    error d (8,) is in work px, see `Target`. Images are given as pyramids: the image and its halves, uint8 (H, W) each.
+    error d (8,) is in work px: by it a place (u, v), taken from the centre in units of the radius, moves by
+    (d0 + d2 u + d3 v + d6 u^2 + d7 u v, d1 + d4 u + d5 v + d6 u v + d7 v^2), to first order. Images are given as
+    pyramids: the image and its halves, uint8 (H, W) each.
 
     Args:
-        numbers: by name, see `grasptrack.tracking.numbers.Numbers`; others than `NAMES` are ignored.
+        numbers: by name, see `grasptrack.tracking.numbers.Numbers`; others than those needed are ignored.
         A: (3, 3) work px to px of the reference image.
         centre, radius: (2,) and above 0, work px: the error's terms of shape count there.
         noise: grey levels, standard deviation of the camera's.
@@ -120,10 +121,10 @@ class PoseTarget:
             self.target = Target(
                 _array_of_shape(A, "A", 3, 3),
                 _array_of_shape(centre, "the centre", 2),
-                _number(radius, "the radius"),
-                _number(noise, "noise"),
-                _number(half, "half"),
-                _number(normal_noise, "normal_noise"),
+                np.float64(radius),
+                np.float64(noise),
+                np.float64(half),
+                np.float64(normal_noise),
                 points,
                 _array_of_shape(_point_array(normals, "normals"), "normals", n, 2),
                 _array_of_shape(contrast, "contrast", n),
@@ -131,15 +132,15 @@ class PoseTarget:
                 surface,
                 _array_of_shape(surface_value, "surface values", len(surface)),
                 _point_array(contacts, "contacts"),
-                _array_of_shape(depth, "depth", CELLS),
-                _array_of_shape(inside, "inside", n, CELLS),
-                _array_of_shape(outside, "outside", n, CELLS),
+                _array_of_shape(depth, "depth", REGION_CELLS),
+                _array_of_shape(inside, "inside", n, REGION_CELLS),
+                _array_of_shape(outside, "outside", n, REGION_CELLS),
             )
         self.hidden: list[Grey] = []
 
     def hide(self, levels: Sequence[Grey]) -> None:
         """Pixels of every image from now on, level by level, that show nothing of the scene: nonzero."""
-        self.hidden = [level.copy() for level in _grey_levels(levels)]
+        self.hidden = [level.copy() for level in levels]
 
     def add_texture(self, levels: Sequence[Grey], centres: Floats, stride: float) -> int:
         """Patches of the reference image, to be added from fine to coarse.
@@ -303,7 +304,7 @@ class PoseTarget:
         G, covariance = _array_of_shape(start, "start", 3, 3), _array_of_shape(P, "P", 8, 8)
         numbers = TextureNumbers(*(self.numbers[f"texture_{name}"] for name in TextureNumbers._fields))
         looks = []
-        for stride in _numbers(strides, "strides").ravel():
+        for stride in np.ravel(strides):
             looks.append(_cut_target_patches(self.target, old, _array_of_shape(last, "last", 3, 3), at, stride))
             at = at[: max(FEWEST_PLACES, len(at) // 2)]
         with np.errstate(all="ignore"):
@@ -408,12 +409,12 @@ def strongest_edges(
     normals = _array_of_shape(_point_array(normals, "normals"), "normals", n, 2)
     if not 0 <= reach <= FARTHEST:
         raise ValueError("the reach is from 0 to 1000")
-    if not LEAST_HALF <= half <= MOST_HALF:
+    if not LEAST_HALF_WIDTH <= half <= MOST_HALF_WIDTH:
         raise ValueError("half a width is from 2 to 12")
     offset, step, inner = np.full(n, np.nan), np.zeros(n), np.zeros((n, INNER))
     if n == 0:
         return StrongestEdges(offset, step, inner, np.full(n, np.nan))
-    span = reach + 2 * MOST_HALF
+    span = reach + 2 * MOST_HALF_WIDTH
     with np.errstate(all="ignore"):
         level, H = level_through(pyramid, H, points.mean(axis=0), 1.0)
         values, inside = sample_profiles(level, H, points, normals, span)
@@ -424,35 +425,21 @@ def strongest_edges(
         if len(score) and score.max() > 0:
             best = int(score.argmax())
             offset[i], step[i] = near[best], strong[best]
-        first = span + INNER_FIRST - (half - LEAST_HALF)
+        first = span + INNER_FIRST - (half - LEAST_HALF_WIDTH)
         inner[i] = values[i, first : first + INNER]
     width = np.where(inside, edge_width(values, np.full(n, half)), np.nan)
     return StrongestEdges(offset, step, inner, width)
 
 
-def _numbers(values: ArrayLike, name: str) -> Floats:
-    """A copy as float64; TypeError where a compiled kernel converts nothing."""
-    if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiub":
-        raise TypeError(f"{name} is an array of numbers, not {type(values).__name__}")
-    return np.array(values, dtype=np.float64)
-
-
-def _number(value: float, name: str) -> np.float64:
-    given: object = value  # what is asked for decides, not what it was
-    if not isinstance(given, (int, np.integer, float, np.floating)):
-        raise TypeError(f"{name} is a number, not {type(value).__name__}")
-    return np.float64(value)
-
-
 def _array_of_shape(values: ArrayLike, name: str, *shape: int) -> Floats:
-    array = _numbers(values, name)
+    array = np.array(values, dtype=np.float64)
     if array.size != int(np.prod(shape)):
         raise ValueError(f"{name} needs {int(np.prod(shape))} numbers")
     return array.reshape(shape)
 
 
 def _point_array(values: ArrayLike, name: str) -> Floats:
-    array = _numbers(values, name)
+    array = np.array(values, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
         raise ValueError(f"{name} are of shape (N, 2)")
     return array
@@ -461,17 +448,7 @@ def _point_array(values: ArrayLike, name: str) -> Floats:
 def _make_pyramid(levels: Sequence[Grey]) -> Pyramid:
     if not len(levels):
         raise ValueError("a pyramid has at least one level")
-    return [Level(level) for level in _grey_levels(levels)]
-
-
-def _grey_levels(levels: Sequence[Grey]) -> list[Grey]:
-    """Levels of a pyramid; TypeError where compiled kernels take them for none."""
-    if not isinstance(levels, (list, tuple)):
-        raise TypeError(f"levels are a list of images, not {type(levels).__name__}")
-    if any(not isinstance(i, np.ndarray) or i.ndim != 2 or i.dtype.kind not in "fiub" for i in levels):
-        raise TypeError("a level of a pyramid is an array of bytes of shape (H, W)")
-    with np.errstate(invalid="ignore"):
-        return [np.asarray(image, dtype=np.uint8) for image in levels]
+    return [Level(level) for level in levels]
 
 
 def _cut_target_patches(target: Target, pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> Patches:
