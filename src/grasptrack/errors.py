@@ -35,11 +35,10 @@ def install_hint(extra: str) -> str:
 
 def without_kernels(why: str) -> ImportError:
     """The error of an installation whose compiled kernels are missing or cannot be loaded."""
-    again = (
-        f"{own_pip()} install --force-reinstall --no-binary grasptrack grasptrack, or make .venv/.package in a clone"
-    )
+    again = f"{own_pip()} install --force-reinstall --no-binary grasptrack grasptrack"
     return ImportError(
-        f"grasptrack's compiled kernels cannot be loaded ({why}): install a C++17 compiler, then install it again ({again})",
+        f"grasptrack's compiled kernels cannot be loaded ({why}): install a C++17 compiler, then install grasptrack again "
+        f"({again}, or make .venv/.package in a clone)",
         name="_grasptrack_native",
     )
 
