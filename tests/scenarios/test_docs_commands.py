@@ -75,6 +75,7 @@ ELSEWHERE = {
     "python tests/fuzz/long_live.py --seconds 3600": "tests/slow/test_long_live.py runs it for seconds",
     "python tests/fuzz/servo_calls.py --count 10000 --real 250 --seed 21": "tests/slow/test_servo_calls.py runs some of it",
     "python tests/helpers/setup_errors.py": "tests/slow/test_servo_setups.py runs all of it",
+    "python tests/oracle/write_stub.py": "writes a file of the repository; tests/scenarios/test_kernels_api.py compares it",
     "python3 -m venv fresh": ".ci/run makes one",
     "fresh/bin/pip install .": ".ci/run builds a wheel and installs it",
 }
