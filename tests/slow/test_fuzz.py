@@ -27,7 +27,6 @@ def test_a_seeded_run_finds_nothing(tmp_path: Path) -> None:
 @pytest.mark.skipif(
     not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="this C library does not count what it allocates"
 )
-@pytest.mark.usefixtures("native")
 def test_kernels_keep_no_memory() -> None:
     command = [sys.executable, "-W", "ignore", leaks.__file__, "--calls", "400"]
     done = subprocess.run(command, capture_output=True, text=True)
@@ -39,8 +38,10 @@ def test_kernels_keep_no_memory() -> None:
 )
 def test_a_few_bytes_that_are_kept_now_and_then_are_seen() -> None:
     """In a process of its own: what other tests leave behind goes while it counts."""
-    code = """
+    code = f"""
 import ctypes
+import sys
+sys.path[:0] = {sys.path!r}
 import leaks
 
 allocate = ctypes.CDLL(None).malloc
