@@ -232,3 +232,13 @@ class ServoMachine(RuleBasedStateMachine):
 
 TestServoMachine = ServoMachine.TestCase
 TestServoMachine.settings = settings(max_examples=25, stateful_step_count=20, deadline=None)
+
+
+def test_a_clock_that_stood_after_the_first_image_does_not_lengthen_the_time_without_any() -> None:
+    """As the machine once found it: the one interval that was known held the time for which the clock stood."""
+    state = ServoMachine()
+    state.begin(moment="start", retries=0, dof=4)
+    state.clock_fails(times=6, what="time stands")
+    state.no_image(times=9)
+    state.no_image(times=11)
+    state.nothing_is_wrong()

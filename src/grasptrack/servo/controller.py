@@ -328,6 +328,8 @@ class GraspServo:
             self._known.lose_object(tick.now)
             self._doubt.reset_count()
             self._forget_motion()
+        if not tick.goes_on and tick.step > 0.0:
+            self._images.break_interval()
         if tick.goes_on:
             self._poses.add_pose(tick.now, hand)
             self._arm.add_pose(tick.now, hand)

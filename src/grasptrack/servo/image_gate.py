@@ -85,6 +85,10 @@ class ImageGate:
         self._came, self._frame, self._time, self._taken = now, result.frame, result.time, taken
         return ""
 
+    def break_interval(self) -> None:
+        """The caller's clock stands, and time is only taken to pass: what runs until the next image tells no usual interval."""
+        self._came = math.nan
+
     def forget_times(self) -> None:
         """The caller's clock has jumped: earlier times mean nothing any more."""
         self._taken = self._time = None
