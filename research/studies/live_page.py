@@ -29,7 +29,7 @@ from grasptrack.live.session import LiveSession
 from grasptrack.live.settings import Settings
 from grasptrack.live.state import Shown
 from grasptrack.typing import Floats
-from grasptrack_bench.simulation import demo_scene
+from grasptrack_bench.simulation import bracket_scene
 from research.studies import common
 
 RATE = 30.0
@@ -222,7 +222,7 @@ def main() -> None:
     parser.add_argument("--viewers", default="browser,client", help="browser (chromium), client (draws nothing)")
     args: Any = parser.parse_args()
     common.begin_section("A page that looks on")
-    images = [frame.image for frame in demo_scene(args.frames, colour=True)]
+    images = [frame.image for frame in bracket_scene(args.frames, colour=True)]
     for kind in args.viewers.split(","):
         if kind == "browser" and shutil.which("chromium") is None:
             common.add_paragraph("Looking on: browser. There is no chromium here.")

@@ -17,7 +17,7 @@ from grasptrack.tracking.tracker import GraspTracker
 from grasptrack_bench.baselines import available_baselines
 from grasptrack_bench.method import Maker, Start
 from grasptrack_bench.metrics.score import Score
-from grasptrack_bench.simulation import DISTURBANCES, SHAPES, SceneFrame, demo_scene
+from grasptrack_bench.simulation import DISTURBANCES, SHAPES, SceneFrame, bracket_scene
 from research.studies import common
 
 SIZES = ((640, 480), (1280, 960))
@@ -96,7 +96,7 @@ def show_loop(count: int, repeat: int) -> None:
     common.add_paragraph(f"{count} grey frames, each strategy {repeat} times; contact errors in px.")
     medians: dict[str, list[float]] = {}
     for width, height in SIZES:
-        frames = list(demo_scene(count, width=width, height=height, colour=False))
+        frames = list(bracket_scene(count, width=width, height=height, colour=False))
         growth = width * height / (SIZES[0][0] * SIZES[0][1])
         first = GraspTracker(strategy=STRATEGIES[0]).update(frames[0].image)
         assert first.contacts is not None, first.reason
@@ -125,7 +125,7 @@ def show_loop(count: int, repeat: int) -> None:
 def show_memory(count: int, long: int) -> None:
     """Memory over many updates."""
     common.add_paragraph(f"Memory: MB after {EARLY} updates, after half and all of {long}, and the most that it rose.")
-    frames = list(demo_scene(count, colour=False))
+    frames = list(bracket_scene(count, colour=False))
     rows: list[list[object]] = [[name, "demonstration", *memory_growth(frames, name, long)] for name in STRATEGIES]
     for name in LOSSES:
         frames = list(DISTURBANCES[name].scene(SHAPES["bracket"](), count, seed=1))

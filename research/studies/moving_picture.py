@@ -12,7 +12,7 @@ from PIL import Image
 import grasptrack as gt
 from grasptrack.view.draw import draw_overlay
 from grasptrack.view.style import Picture
-from grasptrack_bench.simulation import demo_scene
+from grasptrack_bench.simulation import bracket_scene
 from grasptrack_bench.simulation.occluders import hand_over
 from grasptrack_bench.simulation.scene import Scene
 from research.studies import common
@@ -22,7 +22,7 @@ SECONDS = 6.0
 
 def covered_scene(frames: int) -> Scene:
     """The scene of `grasptrack demo`, with a hand that comes after a third of it and covers as much of the part as it can."""
-    plain = demo_scene(frames)
+    plain = bracket_scene(frames)
     times = (0.3 * frames, 0.42 * frames, 0.6 * frames, 0.75 * frames)
     hand = hand_over(plain.shape, times, share=1.0, side=0.0, seed=3)
     return Scene(

@@ -20,7 +20,7 @@ from grasptrack.io.base import Frame, Image
 from grasptrack.io.recording import Recording, create_recording, open_recording
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
-from grasptrack_bench.simulation import demo_scene
+from grasptrack_bench.simulation import bracket_scene
 from research.studies import common
 
 RATE = 30.0
@@ -86,7 +86,7 @@ def main() -> None:
         "recording, medians of rounds. Images/s: until the file is whole."
     )
     for colour in (False, True):
-        images = [frame.image for frame in demo_scene(args.frames, colour=colour)]
+        images = [frame.image for frame in bracket_scene(args.frames, colour=colour)]
         common.add_paragraph("Colour." if colour else "Grey.")
         head = ["images", "recording", "ms in the loop", "95 %", "slowed by", "images/s"]
         common.add_table(head, [row for pace in (True, False) for row in measure(images, args.rounds, pace)])

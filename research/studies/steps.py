@@ -28,7 +28,7 @@ from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.baselines import available_baselines
 from grasptrack_bench.method import Start
 from grasptrack_bench.metrics.score import Score
-from grasptrack_bench.simulation import SHAPES, Camera, SceneFrame, demo_scene, tilting_path
+from grasptrack_bench.simulation import SHAPES, Camera, SceneFrame, bracket_scene, tilting_path
 from research.studies import common
 from research.studies.loop import strategy_maker
 
@@ -164,7 +164,7 @@ def time_on_outlines(seen: Views) -> tuple[Measured, Errors]:
 
 def time_with_images(count: int, calls: int) -> Measured:
     """A pose estimate and the snake's step, of an outline of `count` points on rendered images."""
-    frames = list(demo_scene(240, colour=False))[:20]
+    frames = list(bracket_scene(240, colour=False))[:20]
     polygon, clock = np.ascontiguousarray(frames[0].outline[0]), Clock(1e6)
     outline = gt.View(gt.Contour(kernels.resample(polygon, count, 0.0)))
     grasp = gt.synthesize(gt.Contour(kernels.resample(polygon, 300, 0.0)))[0].snapped(outline)
@@ -320,7 +320,7 @@ def show_images(updates: int, sizes: Sequence[tuple[int, int]]) -> None:
     for width, height in sizes:
         scale = width * height / (sizes[0][0] * sizes[0][1])
         count = max(8, round(30 / np.sqrt(scale)))
-        scene = demo_scene(LENGTH, width=width, height=height, colour=False)
+        scene = bracket_scene(LENGTH, width=width, height=height, colour=False)
         frames = [scene[BEGIN + i] for i in range(count)]
         calls = max(2 * count, round(updates / np.sqrt(scale)))
         there = [*frames, *frames[-2:0:-1]]

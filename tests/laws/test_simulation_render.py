@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from edges import bilinear
-from grasptrack_bench.simulation import SHAPES, Bar, Camera, Conditions, Scene, demo_scene, plain_texture, tilting_path
+from grasptrack_bench.simulation import (
+    SHAPES,
+    Bar,
+    Camera,
+    Conditions,
+    Scene,
+    bracket_scene,
+    plain_texture,
+    tilting_path,
+)
 from grasptrack_bench.simulation.outlines import inside_polygons, polygon_moments
 from grasptrack_bench.simulation.render import inside_mask, pixel_coverage
 
@@ -140,7 +149,7 @@ def test_a_sliding_table_moves_under_a_part_at_rest() -> None:
 
 
 def test_the_demonstration_keeps_the_whole_outline_in_view() -> None:
-    scene = demo_scene(30)
+    scene = bracket_scene(30)
     assert scene[0].image.shape == (480, 640, 3)
     assert min(scene[i].outline_visible for i in range(0, 30, 3)) == 1.0
-    assert demo_scene(2, colour=False)[0].image.shape == (480, 640)
+    assert bracket_scene(2, colour=False)[0].image.shape == (480, 640)

@@ -19,7 +19,7 @@ from grasptrack_bench.simulation.occluders import (
 from grasptrack_bench.simulation.outlines import Shape
 from grasptrack_bench.simulation.paths import Path, bounded_path, similarity_path, tilting_path
 from grasptrack_bench.simulation.render import Renderer
-from grasptrack_bench.simulation.scene import Guest, Scene, SceneFrame, demo_scene
+from grasptrack_bench.simulation.scene import Guest, Scene, SceneFrame, bracket_scene
 from grasptrack_bench.simulation.shapes import SHAPES
 from grasptrack_bench.simulation.textures import (
     SURFACES,
@@ -63,8 +63,8 @@ __all__ = [
     "bar_over",
     "blank_texture",
     "bounded_path",
+    "bracket_scene",
     "brushed_texture",
-    "demo_scene",
     "gravel_texture",
     "hand_over",
     "irregular_over",

@@ -340,8 +340,10 @@ class Scene:
         return image
 
 
-def demo_scene(frames: int = 120, seed: int = 3, *, width: int = 640, height: int = 480, colour: bool = True) -> Scene:
-    """The scene of `grasptrack demo`: a dark bracket on a light wooden table, under light that changes slowly.
+def bracket_scene(
+    frames: int = 120, seed: int = 3, *, width: int = 640, height: int = 480, colour: bool = True
+) -> Scene:
+    """A dark bracket on a light wooden table, under light that changes slowly: what the studies of time are shown.
 
     The camera comes closer, turns and shifts; a third of the way on it also tilts, up to 28 degrees; it ends frontal,
     near where it began.
