@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.demo import STRATEGIES, demo_scene, run_demo
+from grasptrack.demo import STRATEGIES, DemoFrame, demo_scene, run_demo
 from grasptrack.demo.run import contact_errors
 from grasptrack.tracking.tracker import GraspTracker
 
@@ -46,6 +46,17 @@ def test_the_demonstration_writes_truth_and_a_folder_for_each_strategy(tmp_path:
             assert row["outline_visible"] == "1.0000"
     assert ("render", 6, 6) in steps
     assert ("homography", 6, 6) in steps
+
+
+def test_a_truth_that_cannot_be_written_whole_leaves_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "truth.csv").write_text("of the run before")
+    area = iter([1.0])
+    monkeypatch.setattr(DemoFrame, "area", property(lambda frame: next(area)))
+    with pytest.raises(StopIteration):
+        run_demo(tmp_path, frames=2, video=False)
+    assert [path.read_text() for path in tmp_path.glob("truth*")] == ["of the run before"]
 
 
 def test_auto_follows_the_demonstration() -> None:

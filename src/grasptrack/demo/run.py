@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from grasptrack.demo.scene import DemoFrame, DemoScene, demo_scene
+from grasptrack.files import whole_file
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.run import prepare_output, run_track
@@ -148,7 +149,7 @@ def _track_scene(
 
 
 def _write_truth(path: Path, frames: Sequence[DemoFrame]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         entries = [f"h{row}{column}" for row in "123" for column in "123"]
         writer.writerow(["frame", *entries, "time_s", "area_px2", "outline_visible"])
