@@ -21,7 +21,7 @@ from grasptrack import kernels
 from grasptrack.errors import InputError
 from grasptrack.io.folder import hold_folder, prepare_folder
 from grasptrack.io.results import describe_machine, software_versions, write_json
-from grasptrack_bench import Progress
+from grasptrack.typing import Progress
 from grasptrack_bench.metrics.score import FrameScore
 from grasptrack_bench.records import read_records, write_records
 from grasptrack_bench.schedule import Scheduler, code_fingerprint

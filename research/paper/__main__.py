@@ -16,7 +16,7 @@ from grasptrack.cli.main import run_app
 from grasptrack.cli.terminal import with_progress
 
 if TYPE_CHECKING:
-    from grasptrack_bench import Progress
+    from grasptrack.typing import Progress
     from research.paper import PaperRun
 
 PROGRAM = "python -m research.paper"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.segmentation.images import Grey
-from grasptrack_bench import Progress
+from grasptrack.typing import Progress
 from grasptrack_bench.metrics.errors import ErrorMeasure
 from grasptrack_bench.report.table import Table
 from grasptrack_bench.schedule import Outcome, Scheduler

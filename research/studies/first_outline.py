@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.demo.run import accept_limit
 from grasptrack.errors import GraspTrackError
 from grasptrack.tracking.mending import Mender
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
 from grasptrack_bench.method import chosen_grasp
-from grasptrack_bench.metrics.score import accept_limit
 from grasptrack_bench.scenes import Part, SceneCase
 from grasptrack_bench.simulation import SHAPES, SceneFrame
 from research.studies import common

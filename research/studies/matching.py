@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.demo.run import accept_limit
 from grasptrack.errors import AmbiguousError, GraspTrackError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
@@ -24,7 +25,6 @@ from grasptrack.matching import Sampled, judge_hypotheses, match_outlines
 from grasptrack.matching.rating import MAX_DEPTH, MAX_STRETCH, perturb_homography, rate_homography
 from grasptrack.tracking.image_pair import transfer_between_images
 from grasptrack.typing import Floats
-from grasptrack_bench.metrics.score import accept_limit
 from grasptrack_bench.simulation import SHAPES, Camera, Conditions, Path, Scene, Shape, shape_from_mask
 from research.studies import common
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -18,3 +19,6 @@ Status = Literal["searching", "tracked", "unstable", "lost"]
 """What a tracker says of one frame."""
 StrategyName = Literal["auto", "rrp", "grasp-line", "homography"]
 """The strategies of this package. Where one is asked for, any text passes, for other packages register theirs."""
+
+Progress = Callable[[str, int, int], None]
+"""Called with the name of a step, what is done of it, and all of it."""

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from grasptrack.demo.run import accept_limit
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import Status, TrackResult
-from grasptrack_bench.metrics.score import Score, Truth, accept_limit
+from grasptrack_bench.metrics.score import Score, Truth
 from grasptrack_bench.records import read_homographies, write_homographies
 
 CONTACTS = np.array([[100.0, 100.0], [180.0, 120.0]])

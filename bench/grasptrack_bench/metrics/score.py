@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.demo.run import accept_limit
 from grasptrack.errors import ConditioningError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import TrackResult
@@ -76,11 +77,6 @@ class Truth:
 
 
 STATUSES = ("tracked", "unstable", "lost", "searching")
-
-
-def accept_limit(area: float) -> float:
-    """px: contacts given further than this from the truth are a false accept; area in px^2."""
-    return max(3.0, 0.04 * math.sqrt(area))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from grasptrack.cli.terminal import command_line, show_rows, with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
-    from grasptrack_bench import Progress
+    from grasptrack.typing import Progress
     from grasptrack_bench.run_folder import Filled
 
 

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from grasptrack.cli import help_groups, options
-from grasptrack.cli.terminal import Tell, format_number, show_rows, with_progress
+from grasptrack.cli.terminal import format_number, show_rows, with_progress
+
+if TYPE_CHECKING:
+    from grasptrack.typing import Progress
 
 _HEADS = (
     ("strategy", "left"),
@@ -50,7 +53,7 @@ def demo(
     rate = options.risk_rate(risk)
     seconds = FRAME_S * frames * (1 if no_video else 2)
 
-    def run(tell: Tell) -> list[dict[str, Any]]:
+    def run(tell: Progress) -> list[dict[str, Any]]:
         if not quiet:
             print(
                 f"Renders {frames} frames of a part seen by a tilting camera, tracks a grasp in them by "

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from grasptrack.io.run import RunSummary
+    from grasptrack.typing import Progress
 
 
 INTERRUPTED = 130
@@ -149,7 +150,7 @@ class Interruption:
 STATUS_STYLE = {"tracked": "green", "unstable": "yellow", "lost": "red", "searching": "bright_black"}
 
 
-class Progress:
+class ProgressBar:
     """A bar with frames/s, on a terminal only: output that goes to a file or a program stays clean.
 
     Args:
@@ -181,7 +182,7 @@ class Progress:
         )
         self._tasks: dict[str, Any] = {}
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> ProgressBar:
         """Begin to show."""
         if self._shown:
             self._progress.start()
@@ -302,11 +303,9 @@ def _summary_table(*heads: str) -> Any:
 
 
 T = TypeVar("T")
-Tell = Callable[[str, int, int], None]
-"""Called with the name of the step, what is done of it, and all of it."""
 
 
-def with_progress(output: Path, quiet: bool, work: Callable[[Tell], T], *, again: str = "") -> T:
+def with_progress(output: Path, quiet: bool, work: Callable[[Progress], T], *, again: str = "") -> T:
     """What `work` returns. Ctrl-C ends it with exit status 130, with the files whole.
 
     Args:
@@ -323,7 +322,7 @@ def with_progress(output: Path, quiet: bool, work: Callable[[Tell], T], *, again
 
     with Interruption() as interruption, hold_folder(output):
         try:
-            with Progress(quiet) as bar:
+            with ProgressBar(quiet) as bar:
 
                 def report_progress(step: str, done: int, total: int) -> None:
                     bar.tell(step, done, total)

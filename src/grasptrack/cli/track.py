@@ -11,7 +11,7 @@ import typer
 from grasptrack.cli import first_image, help_groups, options, source_options
 from grasptrack.cli.advice import advice_for
 from grasptrack.cli.candidates import note_candidates
-from grasptrack.cli.terminal import Interruption, Progress, RunInterruptedError, show_run
+from grasptrack.cli.terminal import Interruption, ProgressBar, RunInterruptedError, show_run
 from grasptrack.cli.verdict import Verdict
 from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
@@ -191,7 +191,7 @@ def track(
             images.on_wait = interruption.check
             images.catches_up = True
         try:
-            with Progress(quiet) as progress:
+            with ProgressBar(quiet) as progress:
 
                 def report_frame(frame: Frame, result: TrackResult) -> None:
                     nonlocal done

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +19,9 @@ from grasptrack.io.video import VideoWriter
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
-from grasptrack.typing import Floats, Pixels
+from grasptrack.typing import Floats, Pixels, Progress
 
 STRATEGIES = ("auto", "rrp", "grasp-line", "homography")
-Progress = Callable[[str, int, int], None]
-"""Told a step, and how many of its frames are done, of how many."""
 
 
 class RenderedSource(Source):
@@ -47,12 +45,17 @@ class RenderedSource(Source):
             yield frame.image, frame.time, frame.name
 
 
+def accept_limit(area: float) -> float:
+    """px: contacts given further than this from the truth are wrong; area of the object in px^2."""
+    return max(3.0, 0.04 * math.sqrt(area))
+
+
 def contact_errors(results: Sequence[TrackResult], frames: Sequence[DemoFrame]) -> tuple[list[float], int]:
     """How far contacts are off; the truth of a grasp is its first contacts, moved by the true motion.
 
     Returns:
         px of every contact of every located frame but those in which a grasp began, and the number of frames with a contact
-        off by more than 3 px and 4 % of the square root of the part's area.
+        off by more than `accept_limit`.
     """
     distances: list[float] = []
     wrong, first = 0, dict[int | None, Floats]()
@@ -60,7 +63,7 @@ def contact_errors(results: Sequence[TrackResult], frames: Sequence[DemoFrame]) 
         if result.contacts is not None and result.grasp_id in first:
             off = np.hypot(*(result.contacts - truth.contacts(first[result.grasp_id])).T)
             distances += off.tolist()
-            wrong += bool(off.max() > max(3.0, 0.04 * math.sqrt(truth.area)))
+            wrong += bool(off.max() > accept_limit(truth.area))
         elif result.contacts is not None:
             back = np.linalg.inv(truth.H_current_reference)
             first[result.grasp_id] = apply_homography(back, result.contacts)
