@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
 from grasptrack.typing import Floats
-from grasptrack.view.report import Axis, Chart, format_percent, series_palette
-from grasptrack.view.report.chart import log_range
-from grasptrack.view.report.markup import format_fixed
+from grasptrack_bench.charts import Axis, Chart, format_percent, series_palette
+from grasptrack_bench.charts.chart import log_range
+from grasptrack_bench.charts.markup import format_fixed
 from grasptrack_bench.metrics.integrity import cumulative_share
 from grasptrack_bench.report.pages import Cell, CellLike, Column, Figure, Line, PageTable, keep_chart, write_page
 from grasptrack_bench.report.table import Table

@@ -15,9 +15,9 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer import grasp_line, transfer
 from grasptrack.transfer.rrp import INTERPOLATED
 from grasptrack.typing import Floats
-from grasptrack.view.paper import Panel, draw_panels
 from research.paper.correspondences import Correspondences, RefusedPair
 from research.paper.footage import Footage
+from research.paper.panels import Panel, draw_panels
 from research.paper.transfers import Refused
 
 Picture = tuple[str, NDArray[np.uint8]]

@@ -24,9 +24,9 @@ from grasptrack.io.video import VideoWriter
 from grasptrack.statistics import wilson_interval
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.typing import Floats, Pixels
-from grasptrack.view.approach import plot_approach
 from grasptrack_bench.approach.case import Case, Law, Row
 from grasptrack_bench.approach.pictures import hold_result, side_by_side
+from grasptrack_bench.approach.plot import plot_approach
 from grasptrack_bench.approach.trial import Step, run_trial
 from grasptrack_bench.physics import World
 from grasptrack_bench.physics.setting import Arm, Scenario

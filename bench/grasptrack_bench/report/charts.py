@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from grasptrack.view.report import Axis, Chart, Series, format_number
-from grasptrack.view.report.chart import log_range
+from grasptrack_bench.charts import Axis, Chart, Series, format_number
+from grasptrack_bench.charts.chart import log_range
 from grasptrack_bench.metrics.integrity import (
     OverTime,
     Runs,

@@ -61,7 +61,7 @@ class Change:
     """One measure of one method, over all sequences ("all") or at one level, in two runs.
 
     Attributes:
-        method, level, measure: what it is of; `measure` is a key of `bench.report.glossary:COMPARED`.
+        method, level, measure: what it is of; `measure` is a key of `grasptrack_bench.report.glossary:COMPARED`.
         a, b: its values.
         noise: by how much b - a may differ from 0 by chance, in the measure's unit; NaN where that cannot be told. Of
             false accepts: the probability of as many that are new, if new and mended ones were equally likely.

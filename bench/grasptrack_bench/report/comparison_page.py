@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from grasptrack.view.report import DASH, format_number, series_palette
+from grasptrack_bench.charts import DASH, format_number, series_palette
 from grasptrack_bench.metrics.paired import BLOCK, FEW_CASES
 from grasptrack_bench.metrics.summary import ALL
 from grasptrack_bench.report.comparison import FELL, MATTERS, UNLIKELY, Change, Comparison, Look

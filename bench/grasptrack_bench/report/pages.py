@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.files import whole_file
-from grasptrack.view.report import DASH, Chart, Series, format_number, format_percent
-from grasptrack.view.report.markup import escape_html, make_slug
-from grasptrack.view.report.palette import colour_variables, standalone_svg
+from grasptrack_bench.charts import DASH, Chart, Series, format_number, format_percent
+from grasptrack_bench.charts.markup import escape_html, make_slug
+from grasptrack_bench.charts.palette import colour_variables, standalone_svg
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from grasptrack.errors import InputError
 from grasptrack.statistics import upper_bound
 from grasptrack.typing import Floats, Progress
-from grasptrack.view.report import Chart, Series, format_number, format_percent, series_palette
-from grasptrack.view.report.answer import draw_answer
+from grasptrack_bench.charts import Chart, Series, format_number, format_percent, series_palette
+from grasptrack_bench.charts.answer import draw_answer
 from grasptrack_bench.metrics.integrity import precision_curve
 from grasptrack_bench.metrics.summary import Row, Summary, Worst, summarise_run, write_summary
 from grasptrack_bench.report import charts

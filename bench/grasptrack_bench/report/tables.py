@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
-from grasptrack.view.report import format_number, format_percent
-from grasptrack.view.report.markup import format_fixed
+from grasptrack_bench.charts import format_number, format_percent
+from grasptrack_bench.charts.markup import format_fixed
 from grasptrack_bench.metrics.summary import Row, summarise_run
 from grasptrack_bench.report.glossary import TERMS, Term
 from grasptrack_bench.report.pages import Cell, CellLike, Column, Line, PageTable, Tone

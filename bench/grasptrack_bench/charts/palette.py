@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from grasptrack.view.report.markup import escape_html, make_slug
 from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, Colour, hex_colour
+from grasptrack_bench.charts.markup import escape_html, make_slug
 
 
 @dataclass(frozen=True)

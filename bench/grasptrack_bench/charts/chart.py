@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.typing import Floats
-from grasptrack.view.report.markup import escape_html, format_number
-from grasptrack.view.report.palette import Series
+from grasptrack_bench.charts.markup import escape_html, format_number
+from grasptrack_bench.charts.palette import Series
 
 
 @dataclass(frozen=True)

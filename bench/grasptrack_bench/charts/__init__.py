@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Charts, numbers and pictures of reports; the pages themselves are templates of `grasptrack_bench.report`."""
+
+from grasptrack_bench.charts.chart import Axis, Chart
+from grasptrack_bench.charts.markup import DASH, format_number, format_percent
+from grasptrack_bench.charts.palette import Series, series_palette
+
+__all__ = [
+    "DASH",
+    "Axis",
+    "Chart",
+    "Series",
+    "format_number",
+    "format_percent",
+    "series_palette",
+]
