@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from grasptrack import kernels
+from grasptrack.documents import write_json
 from grasptrack.errors import InputError
-from grasptrack.io.results import describe_machine, software_versions, write_json
+from grasptrack.io.results import describe_machine, software_versions
 from grasptrack.typing import Floats
 from grasptrack.view.drawing import png_bytes
 from grasptrack_bench.report.table import Cell, to_csv, to_json, to_markdown, to_text

@@ -39,25 +39,32 @@ def to_dict(record: object, *, leave: tuple[str, ...] = ()) -> dict[str, Any]:
     return {name: plain_value(part) for name, part in public_parts(record, whole=True).items() if name not in leave}
 
 
-def plain_value(value: Any) -> Any:
-    """A value as JSON has it: dictionaries, lists, text, numbers, truth values; None for what is not finite."""
+def plain_value(value: Any, digits: int | None = None) -> Any:
+    """A value as JSON has it: dictionaries, lists, text, numbers, truth values; None for what is not finite.
+
+    Args:
+        value: records, mappings, sequences, arrays, paths and plain values; of anything else its `repr`.
+        digits: significant digits that floats are rounded to; None leaves them.
+    """
     import numpy as np
 
     from grasptrack.equality import is_record
 
     if isinstance(value, (np.ndarray, np.generic)):
-        return plain_value(value.tolist())
+        return plain_value(value.tolist(), digits)
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
+        if not math.isfinite(value):
+            return None
+        return value if digits is None else float(f"{value:.{digits}g}")
     if value is None or isinstance(value, (bool, int, str)):
         return value
     if isinstance(value, Mapping):
-        return {str(key): plain_value(part) for key, part in value.items()}
+        return {str(key): plain_value(part, digits) for key, part in value.items()}
     own = getattr(value, "to_dict", None)
     if own is not None:
         return own()
     if is_record(value) and (hasattr(value, "_fields") or not isinstance(value, (list, tuple))):
         return to_dict(value)
     if isinstance(value, (list, tuple, set, frozenset)):
-        return [plain_value(part) for part in value]
+        return [plain_value(part, digits) for part in value]
     return str(value) if isinstance(value, Path) else repr(value)

@@ -12,9 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from grasptrack.documents import LARGEST_BYTES, read_yaml
 from grasptrack.errors import InputError
 from grasptrack.geometry.cameras import Camera
-from grasptrack.io.calibration import LARGEST, read_camera, read_yaml
+from grasptrack.io.calibration import read_camera
 from grasptrack_bench.simulation.camera import Camera as Rendered
 
 K = [[700.1, 0.0, 319.5], [0.0, 702.0, 239.5], [0.0, 0.0, 1.0]]
@@ -193,7 +194,7 @@ GOOD_K, GOOD_D = "K: [700,0,320,0,700,240,0,0,1]\n", "D: [0,0,0,0]\n"
         ("[" * 3000, "nested too deeply"),
         ("- 1\n- 2\n", "no camera_matrix"),
         ("K: 2020-13-45\n", "no YAML"),
-        ("#" * (LARGEST + 1), "too large"),
+        ("#" * (LARGEST_BYTES + 1), "too large"),
         ('{"K":', "is no JSON"),
         ('<?xml version="1.0"?><a>', "is no XML"),
         (GOOD_D, "no camera_matrix"),

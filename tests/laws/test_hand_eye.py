@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack import InputError
-from grasptrack.io.calibration import read_yaml
+from grasptrack.documents import read_yaml
 from grasptrack.servo.camera import HandCamera, apply_twist, pose_of, rotation_matrix
 from grasptrack.servo.drift import FEWEST, DriftAlarm
 from grasptrack.servo.estimate import Estimate, Origin, Prior, refine_estimate

@@ -16,10 +16,11 @@ from typing import Any, Literal
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.documents import write_json
 from grasptrack.files import whole_file
 from grasptrack.geometry.contours import View
 from grasptrack.io.folder import hold_folder
-from grasptrack.io.results import software_versions, write_json
+from grasptrack.io.results import software_versions
 from grasptrack.io.video import VideoWriter
 from grasptrack.statistics import wilson_interval
 from grasptrack.tracking.numbers import DEFAULT_RISK

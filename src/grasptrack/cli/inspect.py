@@ -88,10 +88,10 @@ def inspect(
     calibration = first_image.load_calibration(camera)
     empty = first_image.background_image(background, mask)
 
+    from grasptrack.documents import write_json
     from grasptrack.io.folder import prepare_folder
     from grasptrack.io.json_results import inspection_to_dict
     from grasptrack.io.masks import read_mask
-    from grasptrack.io.results import write_json
     from grasptrack.trackability import inspect as look
     from grasptrack.trackability.result import as_seen
     from grasptrack.tracking.camera import Beforehand

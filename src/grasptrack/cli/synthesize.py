@@ -102,10 +102,10 @@ def synthesize(
     calibration = first_image.load_calibration(camera)
     empty = first_image.background_image(background, mask)
 
+    from grasptrack.documents import write_json
     from grasptrack.io.folder import prepare_folder
     from grasptrack.io.json_results import grasps_to_dict
     from grasptrack.io.masks import read_mask
-    from grasptrack.io.results import write_json
     from grasptrack.view.grasps import write_grasps
 
     picture = first_image.only_image(image, "synthesize takes one image").image

@@ -3,19 +3,16 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from pathlib import Path
 from typing import Any
 
 from grasptrack import arguments
+from grasptrack.documents import read_keys, read_text
 from grasptrack.errors import InputError
 from grasptrack.geometry.cameras import Camera, Model
-from grasptrack.yaml_text import read_yaml
 
-LARGEST = 1 << 20
-"""Characters of a file; no tool writes nearly as many, and YAML takes seconds to read more."""
 _MATRIX = ("camera_matrix", "k", "mtx", "intrinsic_matrix", "intrinsics", "camera")
 _DISTORTION = ("distortion_coefficients", "dist_coeffs", "distortion_coeffs", "distortion", "dist", "d")
 _MODEL = ("distortion_model", "camera_model", "model")
@@ -51,25 +48,10 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
 
 
 def _read_content(file: Path) -> dict[str, Any]:
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError("is no text file") from None
-    if not text.strip():
-        raise InputError("is empty")
-    if len(text) > LARGEST:
-        raise InputError("is too large for a calibration")
-    if text.lstrip().startswith("{"):
-        try:
-            found = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"is no JSON that can be read: {error}") from None
-    elif text.lstrip().startswith("<"):
-        found = _read_opencv_xml(text)
-    else:
-        found = read_yaml(text)
+    text = read_text(file, "calibration")
+    if not text.lstrip().startswith("<"):
+        return read_keys(text)
+    found = _read_opencv_xml(text)
     return found if isinstance(found, dict) else {}
 
 

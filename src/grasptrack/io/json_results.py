@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.io.results import software_versions, to_json
+from grasptrack.io.results import software_versions
+from grasptrack.presentation import plain_value
 from grasptrack.view.panel import grasp_opening
 
 if TYPE_CHECKING:
@@ -157,7 +158,7 @@ def inspection_to_dict(
         "outline": [contour.points for contour in found.view.contours],
     }
     head = {"format": INSPECTION_FORMAT, "image": _image_entry(name, shape), "options": dict(options)}
-    return {**head, "versions": software_versions(), **to_json(measured, digits=6)}
+    return {**head, "versions": software_versions(), **plain_value(measured, digits=6)}
 
 
 def _held_entry(grasp: Held) -> dict[str, Any]:

@@ -13,17 +13,13 @@ import contextlib
 import csv
 import errno
 import io
-import json
 import math
 import os
 import platform
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from grasptrack.files import whole_file
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import numpy as np
@@ -185,37 +181,6 @@ def describe_machine() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         name = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), name)
     return f"{name}, {os.cpu_count() or 1} cores, {platform.system()}"
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write strict JSON: what is not finite becomes null. The file is complete at any moment or absent."""
-    text = json.dumps(to_json(content), indent=2, ensure_ascii=False, allow_nan=False)
-    # A point on one line. Within a string no line ends, so that nothing else can match.
-    text = re.sub(r"\[\n\s+([-+.,eE\d\s]+?)\n\s+\]", lambda m: f"[{' '.join(m[1].split())}]", text)
-    with whole_file(path) as part:
-        part.write_text(text + "\n", encoding="utf-8")
-
-
-def to_json(value: Any, digits: int | None = None) -> Any:
-    """A value as JSON has it: mappings, lists and plain values; what is not finite is None.
-
-    Args:
-        value: mappings, sequences, arrays, paths and plain values.
-        digits: significant digits that floats are rounded to; None leaves them.
-    """
-    if isinstance(value, Mapping):
-        return {str(k): to_json(v, digits) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [to_json(v, digits) for v in value]
-    if isinstance(value, Path):
-        return str(value)
-    if hasattr(value, "tolist"):
-        return to_json(value.tolist(), digits)
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            return None
-        return value if digits is None else float(f"{value:.{digits}g}")
-    return value
 
 
 def _package_version(name: str) -> str:

@@ -14,10 +14,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from grasptrack.documents import write_json
 from grasptrack.errors import InputError
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.folder import hold_folder, prepare_folder
-from grasptrack.io.results import UNITS, GraspsCsv, software_versions, write_json
+from grasptrack.io.results import UNITS, GraspsCsv, software_versions
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View

@@ -14,6 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from grasptrack import arguments
+from grasptrack.documents import read_yaml
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.files import whole_file
@@ -21,7 +22,6 @@ from grasptrack.servo.camera import NominalCamera, check_pose, pose_of, rotation
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.model import FOCAL, OFFSET, TURN
 from grasptrack.typing import Floats
-from grasptrack.yaml_text import read_yaml
 
 FORMAT = 1
 """Of a calibration's file; raised when a key changes its meaning or goes away."""

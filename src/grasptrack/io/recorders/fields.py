@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grasptrack.io.results import to_json
+from grasptrack.presentation import plain_value
 
 if TYPE_CHECKING:
     from grasptrack.io.base import Frame
@@ -57,7 +57,7 @@ def result_fields(frame: Frame, result: TrackResult, *, outline: bool = False) -
     }
     if outline:
         fields["outline"] = None if result.view is None else [c.points for c in result.view.contours]
-    plain: dict[str, Any] = to_json(fields)
+    plain: dict[str, Any] = plain_value(fields)
     return plain
 
 

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""JSON and YAML files: one writer and one reader."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from grasptrack.errors import InputError
+from grasptrack.files import whole_file
+from grasptrack.presentation import plain_value
+
+LARGEST_BYTES = 1 << 20
+"""Of a file that people or tools write; YAML takes seconds to read more."""
+_NUMBERS = re.compile(r"\[\n\s+([-+.,eE\d\s]+?)\n\s+\]")
+"""A point in indented JSON. No line ends within a string, so that nothing else can match."""
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write strict JSON, a point on one line: what is not finite becomes null. The file is complete at any moment or absent.
+
+    Args:
+        path: the file, replaced.
+        content: what `plain_value` takes.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    text = json.dumps(plain_value(content), indent=2, ensure_ascii=False, allow_nan=False)
+    text = _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text)
+    with whole_file(path) as part:
+        part.write_text(text + "\n", encoding="utf-8")
+
+
+def read_text(file: Path, kind: str, largest: int = LARGEST_BYTES) -> str:
+    """The text of a small file in UTF-8.
+
+    Args:
+        file: its path.
+        kind: what it should be, for messages: "calibration".
+        largest: bytes.
+
+    Raises:
+        InputError: it cannot be read, is larger, empty, or no text. The message does not name the file.
+    """
+    try:
+        with file.open("rb") as stream:
+            data = stream.read(largest + 1)
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if len(data) > largest:
+        raise InputError(f"is too large: no {kind} has more than {largest} bytes")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError("is no text file") from None
+    if not text.strip():
+        raise InputError("is empty")
+    return text
+
+
+def read_keys(text: str) -> dict[str, Any]:
+    """The keys of a JSON object, which begins with a brace, or of YAML; empty where YAML holds something else.
+
+    Raises:
+        InputError: neither can be read; the message names the line of YAML.
+    """
+    if not text.lstrip().startswith("{"):
+        found = read_yaml(text)
+        return found if isinstance(found, dict) else {}
+    try:
+        keys: dict[str, Any] = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is no JSON that can be read: {error}") from None
+    return keys
+
+
+def read_yaml(text: str) -> Any:
+    """The first document of YAML as dictionaries, lists, numbers and words, OpenCV's dialect included.
+
+    Raises:
+        InputError: it cannot be read; the message names the line.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.constructor import SafeConstructor
+    from ruamel.yaml.error import MarkedYAMLError
+    from ruamel.yaml.nodes import MappingNode, ScalarNode
+
+    class Constructor(SafeConstructor):
+        """A safe one that takes what has a tag of its own, such as OpenCV's matrices, as if it had none."""
+
+        def construct_tagged(self, node: Any) -> Any:
+            if isinstance(node, ScalarNode):
+                return self.construct_scalar(node)
+            if isinstance(node, MappingNode):
+                return self.construct_mapping(node, deep=True)
+            return self.construct_sequence(node, deep=True)
+
+    Constructor.add_constructor("tag:yaml.org,2002:opencv-matrix", Constructor.construct_tagged)
+    Constructor.add_constructor(None, Constructor.construct_tagged)
+    yaml = YAML(typ="safe", pure=True)
+    yaml.Constructor = Constructor
+    try:
+        found = next(iter(yaml.load_all(text)), None)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        why = error.problem or error.context or "unknown"
+        raise InputError(
+            f"line {mark.line + 1 if mark else 1} is no YAML that can be read: {' '.join(why.split())}"
+        ) from None
+    except RecursionError:
+        raise InputError("line 1 begins what is nested too deeply") from None
+    except Exception as error:  # of ruamel's own, on what no rule foresees
+        raise InputError(f"line 1 is no YAML that can be read: {' '.join(str(error).split())}") from None
+    if isinstance(found, str):
+        raise InputError("line 1 is no YAML that can be read: it has no key")
+    return found
