@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from grasptrack.errors import InputError
+from grasptrack.images import to_bgr
 from grasptrack.io.images import images_in, images_matching, read_image
 from grasptrack.io.masks import open_masks, read_mask
-from grasptrack.segmentation.images import to_bgr
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack_bench.method import Shown, Start, chosen_grasp, score_sequence
 from grasptrack_bench.methods import method_makers

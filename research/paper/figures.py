@@ -14,7 +14,7 @@ from grasptrack import kernels
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 from grasptrack.transfer import grasp_line, rrp, transfer
 from grasptrack.transfer.rrp import INTERPOLATED
 from grasptrack.typing import Floats

@@ -16,7 +16,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.synthesis import synthesize
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.snake.shape_space import ShapeSpace
 from grasptrack.tracking.initialization import count_describing_strategies

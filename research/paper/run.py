@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from grasptrack.errors import GraspTrackError, InputError
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 from grasptrack.typing import Progress
 from grasptrack_bench.metrics.errors import ErrorMeasure
 from grasptrack_bench.report.table import Table

@@ -20,10 +20,10 @@ import cv2
 import numpy as np
 
 from grasptrack.errors import ObservationError
+from grasptrack.first_image import FirstImage
 from grasptrack.segmentation.candidate_search import CandidateSearch
 from grasptrack.segmentation.choice import Signs, tie_factor
 from grasptrack.segmentation.first_look import distinct_candidates, first_look
-from grasptrack.segmentation.hints import Hints, make_hints
 from grasptrack.segmentation.proposals import GIVEN, THRESHOLD
 from grasptrack.segmentation.regions import Region, Segmenter
 from grasptrack.segmentation.segmenters import SalientNet, segmenter_for
@@ -67,7 +67,7 @@ class Remembered:
     def __init__(self, segmenter: Segmenter) -> None:
         self._segmenter, self._of, self._found = segmenter, -1, list[Region]()
 
-    def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
+    def regions(self, image: Pixels, hints: FirstImage) -> Sequence[Region]:
         """See Segmenter."""
         if self._of != image.ctypes.data:
             self._of, self._found = image.ctypes.data, list(self._segmenter.regions(image, hints))
@@ -120,7 +120,7 @@ def generator_rows(photos: Sequence[Photo], segmenter: Segmenter | None) -> list
     """For each source of proposals: of how many photos it holds a right one, given the pixel, and of how many no other does."""
     held: dict[str, list[bool]] = {}
     for photo in photos:
-        hints = make_hints(photo.image.shape[:2], photo.deepest())
+        hints = FirstImage.of(photo.deepest()).within(photo.image.shape)
         right = dict.fromkeys(("thresholds", "closed edges", "quadrangles and the segmenter"), False)
         for proposal in CandidateSearch(photo.image, hints, segmenter).meant:
             source = list(right)[2 if proposal.recipe == GIVEN else int(proposal.recipe != THRESHOLD)]

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
+from grasptrack.first_image import FirstImage
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
-from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.normalized_gradient import lab_planes
 from grasptrack.segmentation.segmenters import segmenter_for
 from grasptrack.segmentation.snapping import OutlineSnapper, SnapNumbers, snap_numbers
@@ -145,7 +145,7 @@ def main() -> None:
     segmenter = segmenter_for(args.segmenter)
     photos = []
     for photo in read_photos(folder, args.only):
-        maps = [] if segmenter is None else [r.mask for r in segmenter.regions(photo.image, Hints())]
+        maps = [] if segmenter is None else [r.mask for r in segmenter.regions(photo.image, FirstImage())]
         map_ = np.mean(maps, axis=0).astype(np.float32) if maps else None
         edges = ClosedEdgeSegmenter(lab_planes(photo.image))
         photos.append(Drawn(kinds[photo.name], photo.truth, edges, map_, draw_polygons(photo.truth)))

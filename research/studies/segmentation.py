@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from grasptrack.errors import ObservationError
+from grasptrack.first_image import FirstImage
 from grasptrack.segmentation.first_look import find_objects
 from grasptrack.typing import Bools, Pixels
 from grasptrack_bench.metrics.mask_agreement import (
@@ -95,7 +96,7 @@ def read_photos(folder: Path, only: str | None) -> list[Photo]:
 def segment_first_look(image: Pixels, object_at: Hint = None) -> Bools:
     """Our first object."""
     try:
-        return mask_of(find_objects(image, object_at)[0].view, (image.shape[0], image.shape[1]))
+        return mask_of(find_objects(image, FirstImage.of(object_at))[0].view, (image.shape[0], image.shape[1]))
     except ObservationError:
         return np.zeros(image.shape[:2], dtype=np.bool_)
 

@@ -12,9 +12,9 @@ import numpy as np
 import grasptrack as gt
 from grasptrack import kernels
 from grasptrack.demo import STRATEGIES
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.first_look import find_objects
-from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.localization import localize_contour
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import trace_silhouettes
@@ -269,7 +269,7 @@ def time_on_images(frames: list[SceneFrame], order: list[SceneFrame]) -> tuple[M
     clock("live wire: path to the pointer", path_between, ((wire, *contacts[:2]) for wire in wires))
     observer = OutlineDetector()
     observer.look(first.image)
-    observer.choose(observer.first(Hints())[0])
+    observer.choose(observer.first(FirstImage())[0])
     outer = view.outer.points[:: max(1, len(view.outer) // 64)]
     centres = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)
 

@@ -14,6 +14,10 @@ Floats32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Pixels = NDArray[np.uint8]
+Point = tuple[float, float]
+"""x and y, px."""
+Box = tuple[float, float, float, float]
+"""Left, top, width and height, px."""
 
 Status = Literal["searching", "tracked", "unstable", "lost"]
 """What a tracker says of one frame."""

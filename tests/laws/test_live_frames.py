@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack import InputError, TrackResult
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.force_closure import GraspAnalysis
 from grasptrack.io.base import Frame
@@ -23,7 +24,6 @@ from grasptrack.live import frames
 from grasptrack.live.curves import KEPT, CurvePoint, Curves
 from grasptrack.live.frames import UNITS_PER_PX, Painter, moment_to_json
 from grasptrack.live.inbox import Arrival
-from grasptrack.live.settings import Meant
 from grasptrack.live.state import Shown
 
 ANY = st.one_of(st.floats(), st.sampled_from([math.nan, math.inf, -math.inf, 0.0]))
@@ -68,7 +68,7 @@ def test_any_figures_make_strict_json(
 
 
 def test_lines_are_exact_to_a_hundredth_and_contacts_to_a_thousandth() -> None:
-    content = json.loads(moment_to_json(shown_of(result=result_of(), meant=Meant(on=((1.5, 2.25),)))))
+    content = json.loads(moment_to_json(shown_of(result=result_of(), meant=FirstImage(object_at=((1.5, 2.25),)))))
     (outline,) = content["result"]["outlines"]
     assert all(isinstance(value, int) for value in outline)
     assert np.abs(np.reshape(outline, (-1, 2)) / UNITS_PER_PX - CORNERS).max() <= 0.5 / UNITS_PER_PX + 1e-9

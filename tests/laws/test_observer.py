@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from grasptrack.segmentation.hints import Hints
+from grasptrack.first_image import FirstImage
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack_bench.simulation import SHAPES, Conditions, Scene, similarity_path
 
@@ -15,7 +15,7 @@ def test_levels_are_those_of_an_outline_of_the_image_at_hand() -> None:
     scene = Scene(SHAPES["bracket"](), similarity_path(3, seed=1), conditions=Conditions(noise=1.0), seed=1)
     observer = OutlineDetector()
     observer.look(scene[0].image)
-    candidate = observer.first(Hints())[0]
+    candidate = observer.first(FirstImage())[0]
     observer.choose(candidate)
     lighter = np.clip(scene[1].image.astype(int) + 20, 0, 255).astype(np.uint8)
     (view, *_) = next(observer.anywhere(observer.look(lighter), candidate.view.outer.area, 0))

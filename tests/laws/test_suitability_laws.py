@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.segmentation.images import PLAIN
+from grasptrack.images import PLAIN
 from grasptrack.trackability import inspect
 from grasptrack.trackability.appearance import QUANTUM, Edges, edge_direction_noise, gradient_statistics
 from grasptrack.trackability.motions import MODELS, NAMES, SLIDING, Frame, Motions, motions_of, sliding_displacement

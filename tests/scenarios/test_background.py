@@ -16,6 +16,7 @@ from benches import PLATE, glare, grained, laid, lit, overlap, photographed
 from datasets import DATA
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError, SourceError
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.cameras import Camera
 from grasptrack.segmentation.background import background_maps, relight
 from grasptrack.segmentation.first_look import find_objects
@@ -80,7 +81,7 @@ def test_the_object_is_found_where_grain_and_reflections_hide_it() -> None:
     without = gt.first_look(image)[0]
     told = gt.first_look(image, background=empty)[0]
     assert overlap(without.view.outer.points, PLATE) < 0.5 < 0.9 < overlap(told.view.outer.points, PLATE)
-    assert overlap(find_objects(image, background=empty)[0].view.outer.points, PLATE) > 0.9
+    assert overlap(find_objects(image, FirstImage(background=empty))[0].view.outer.points, PLATE) > 0.9
     tracker = gt.GraspTracker(background=empty)
     result = tracker.update(image)
     assert result.view is not None and overlap(result.view.outer.points, PLATE) > 0.9

@@ -281,7 +281,7 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
         ("grasptrack.live", {"live", "cli"}),
         ("av", {"io"}),
         ("matplotlib", {"view"}),
-        ("cv2", {"demo", "io", "segmentation", "snake", "trackability", "tracking", "view"}),
+        ("cv2", {"demo", "images", "io", "segmentation", "snake", "trackability", "tracking", "view"}),
         ("grasptrack_bench", set()),
         ("research", set()),
         ("grasptrack.snake", {"snake", "tracking"}),

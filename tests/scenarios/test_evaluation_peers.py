@@ -17,8 +17,8 @@ from grasptrack.geometry.contours import Contour
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
+from grasptrack.images import to_grey
 from grasptrack.kernels import resample
-from grasptrack.segmentation.images import to_grey
 from grasptrack.tracking.result import TrackResult
 from grasptrack_bench.baselines import PEERS, available_baselines, missing_baselines
 from grasptrack_bench.baselines.base import region_of

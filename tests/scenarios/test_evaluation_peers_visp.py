@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.segmentation.images import to_grey
+from grasptrack.images import to_grey
 from grasptrack.typing import Floats
 from grasptrack_bench.baselines import PEERS, available_baselines, missing_baselines
 from grasptrack_bench.baselines.base import region_of

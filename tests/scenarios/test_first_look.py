@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 
 from grasptrack import GraspTracker
 from grasptrack.errors import InputError, ObservationError
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.images import PLAIN, Channel, to_grey
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter, enclosed_silhouettes, link_edges
 from grasptrack.segmentation.color_projection import best_color_projection
 from grasptrack.segmentation.first_look import find_candidates, find_objects, segment_object
-from grasptrack.segmentation.images import PLAIN, Channel, to_grey
 from grasptrack.segmentation.normalized_gradient import NormalizedGradient, lab_planes
 from grasptrack.segmentation.rating import SilhouetteScorer
 from grasptrack.segmentation.silhouettes import trace_silhouettes
@@ -161,10 +162,10 @@ def test_several_objects_each_once_and_the_meant_one_first() -> None:
     assert len(found) == 4
     assert [c.probability for c in found] == sorted((c.probability for c in found), reverse=True)
     for x, y in places:
-        first = find_objects(image, object_at=(x - 8.0, y))
+        first = find_objects(image, FirstImage.of((x - 8.0, y)))
         assert np.abs(first[0].view.outer.points.mean(axis=0) - (x, y)).max() < 20.0
         assert len(first) == 4
-        boxed = find_objects(image, box=(x - 45.0, y - 45.0, 90.0, 90.0))
+        boxed = find_objects(image, FirstImage(box=(x - 45.0, y - 45.0, 90.0, 90.0)))
         assert np.abs(boxed[0].view.outer.points.mean(axis=0) - (x, y)).max() < 20.0
     with pytest.raises(ObservationError, match="in the box"):
         segment_object(image, box=(140.0, 100.0, 30.0, 30.0))

@@ -19,10 +19,10 @@ from hypothesis import strategies as st
 import grasptrack as gt
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError, ObservationError
+from grasptrack.first_image import FirstImage
 from grasptrack.segmentation import models
 from grasptrack.segmentation.choice import Signs, choice_probabilities, load_numbers
 from grasptrack.segmentation.first_look import distinct_candidates
-from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.regions import Region
 from grasptrack.segmentation.segmenters import SalientNet
 from tiny_onnx import write_brightness_net
@@ -168,9 +168,9 @@ class Map:
     """Proposes what it was given, softly."""
 
     def __init__(self, mask: np.ndarray) -> None:
-        self.mask, self.hints = mask, list[Hints]()
+        self.mask, self.hints = mask, list[FirstImage]()
 
-    def regions(self, image: np.ndarray, hints: Hints) -> list[Region]:
+    def regions(self, image: np.ndarray, hints: FirstImage) -> list[Region]:
         self.hints.append(hints)
         return [Region(cv2.GaussianBlur(self.mask.astype(np.float32), (0, 0), 6.0))]
 
@@ -185,7 +185,7 @@ def test_a_segmenters_map_decides_between_equals_and_its_outline_is_made_exact()
         first = gt.first_look(image, segmenter=segmenter)[0]
         assert np.abs(first.view.outer.points.mean(axis=0) - (x, 240.0)).max() < 0.3
         assert first.view.outer.area == pytest.approx(121.0**2, rel=0.01)  # both border pixels are painted
-        assert segmenter.hints == [Hints()]
+        assert segmenter.hints == [FirstImage()]
 
 
 def test_a_function_is_the_only_candidate() -> None:

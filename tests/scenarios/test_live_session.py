@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 
 from grasptrack import Goal, GraspTracker, open_source
+from grasptrack.first_image import FirstImage
 from grasptrack.io.base import Frame, Image
 from grasptrack.io.limits import HELD, limit_megapixels
 from grasptrack.live import commands as told
 from grasptrack.live import recorder
 from grasptrack.live.session import GOAL, LiveSession
-from grasptrack.live.settings import Meant, Settings
+from grasptrack.live.settings import Settings
 from grasptrack.tracking.result import TrackResult
 from recordings import plate, plates, rows, square
 from tiny_onnx import write_pair
@@ -115,13 +116,13 @@ def test_at_once_without_a_word_stays_unsure(tmp_path: Path) -> None:
 def test_pixels_for_and_against_add_up_on_one_image(tmp_path: Path) -> None:
     camera = FedCamera()
     camera.images.put(two_plates())
-    with session_on(camera, tmp_path, Settings(sure=0.9999)) as session:
+    with session_on(camera, tmp_path, meant=FirstImage(sure=0.9999)) as session:
         reached(session, "choosing")
         session.tell(told.Pick(1, 340.0, 100.0))
-        until(session, lambda s: s.phase == "choosing" and s.meant.on)
+        until(session, lambda s: s.phase == "choosing" and s.meant.object_at)
         session.tell(told.Pick(1, 30.0, 30.0, on=False))
-        shown = until(session, lambda s: s.phase == "choosing" and s.meant.off)
-        assert shown.meant == Meant(on=((340.0, 100.0),), off=((30.0, 30.0),))
+        shown = until(session, lambda s: s.phase == "choosing" and s.meant.not_at)
+        assert shown.meant == FirstImage(object_at=((340.0, 100.0),), not_at=((30.0, 30.0),), sure=0.9999)
         assert shown.proposal is not None
         assert shown.proposal.candidates[0].view.outer.points[:, 0].min() > 240.0
 
@@ -383,7 +384,7 @@ def test_a_source_that_breaks_off_leaves_what_was_computed_and_can_be_begun_agai
 def test_what_was_said_of_a_cameras_first_image_does_not_count_of_another_one(tmp_path: Path) -> None:
     camera = FedCamera()
     camera.images.put(two_plates())
-    meant = Meant(on=((340.0, 100.0),))
+    meant = FirstImage(object_at=((340.0, 100.0),))
     with session_on(camera, tmp_path, meant=meant) as session:
         shown = reached(session, "tracking")
         assert shown.meant == meant
@@ -391,7 +392,7 @@ def test_what_was_said_of_a_cameras_first_image_does_not_count_of_another_one(tm
         reached(session, "failed")
         session.tell(told.Restart())
         camera.images.put(two_plates())
-        assert reached(session, "choosing").meant == Meant()
+        assert reached(session, "choosing").meant == FirstImage()
 
 
 def test_images_of_another_size_end_it_in_one_line(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from datasets import DATA
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.segmentation.first_look import find_objects
@@ -59,7 +60,7 @@ def test_a_grasp_of_one_part_is_carried_to_its_neighbours() -> None:
     carried = 0
     for other in others:
         x, y = other.view.outer.points.mean(axis=0).tolist()
-        pair = transfer_between_images(grasp, first.view, image, image, 0.5, object_at=(x, y))
+        pair = transfer_between_images(grasp, first.view, image, image, 0.5, FirstImage.of((x, y)))
         believed = [o for o in pair.outcomes if not o.reason]
         carried += bool(believed) or len(pair.places) == 2
         assert not pair.places or sum(place.share for place in pair.places) == pytest.approx(1.0, abs=0.01)

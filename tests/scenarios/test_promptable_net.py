@@ -16,10 +16,10 @@ import pytest
 import grasptrack as gt
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
+from grasptrack.first_image import FirstImage
 from grasptrack.segmentation import models
 from grasptrack.segmentation.candidate_search import CandidateSearch
 from grasptrack.segmentation.choice import load_numbers, measure_worth
-from grasptrack.segmentation.hints import Hints, make_hints
 from grasptrack.segmentation.promptable import PromptableNet
 from grasptrack.segmentation.regions import Region
 from tiny_onnx import SCORES, write_decoder, write_encoder, write_pair
@@ -63,7 +63,7 @@ def is_near(one: tuple[int, ...], other: tuple[int, ...]) -> bool:
 
 
 def best(net: PromptableNet, image: Any, **said: Any) -> Region:
-    return net.regions(image, make_hints(image.shape[:2], **said))[0]
+    return net.regions(image, FirstImage.of(**said).within(image.shape))[0]
 
 
 # --- what is answered ----------------------------------------------------------------------------
@@ -99,7 +99,7 @@ def test_a_pixel_beside_the_object_takes_away_what_it_is_on(net: PromptableNet) 
 
 def test_where_nothing_is_said_a_grid_is_asked_and_each_region_is_there_once(net: PromptableNet) -> None:
     image = scene()
-    found = net.regions(image, Hints())
+    found = net.regions(image, FirstImage())
     assert any(is_near(box_of(r), LEFT) for r in found) and any(is_near(box_of(r), RIGHT) for r in found)
     inside = [r.mask > 0.5 for r in found]
     for k, one in enumerate(inside):
@@ -107,7 +107,7 @@ def test_where_nothing_is_said_a_grid_is_asked_and_each_region_is_there_once(net
             assert np.count_nonzero(one & other) < 0.85 * np.count_nonzero(one | other)
     assert [r.probability for r in found] == sorted((r.probability for r in found), reverse=True)
     hidden = np.full(image.shape[:2], 255, np.uint8)
-    assert not net.regions(image, make_hints(image.shape[:2], ignore=hidden))
+    assert not net.regions(image, FirstImage(hidden=hidden))
 
 
 def test_grey_images_are_taken_too(net: PromptableNet) -> None:
@@ -187,7 +187,7 @@ class Given:
     def __init__(self, *regions: Region) -> None:
         self._regions = regions
 
-    def regions(self, image: Any, hints: Hints) -> tuple[Region, ...]:
+    def regions(self, image: Any, hints: FirstImage) -> tuple[Region, ...]:
         return self._regions
 
 
@@ -200,12 +200,12 @@ def test_alternatives_are_no_votes() -> None:
     one, three = Given(Region(plate, 0.9)), Given(Region(plate, 0.9), Region(part, 0.5), Region(table, 0.4))
     worth = []
     for segmenter in (one, three):
-        look = CandidateSearch(image, Hints(), segmenter)
+        look = CandidateSearch(image, FirstImage(), segmenter)
         meant = next(p for p in look.compared() if is_near(p.silhouette.box, LEFT))
         worth.append(measure_worth([meant], look._maps, None, load_numbers(True))[0])
     assert worth[0] == pytest.approx(worth[1])
     votes = Given(*(Region(m, is_vote=True) for m in (plate, part, table)))
-    look = CandidateSearch(image, Hints(), votes)
+    look = CandidateSearch(image, FirstImage(), votes)
     assert len(look._maps) == 1 and look._maps[0].max() == 1.0 and look._maps[0][470, 600] == pytest.approx(1.0 / 3.0)
 
 
@@ -255,7 +255,7 @@ def test_a_net_that_does_not_run_is_told_in_one_line(tmp_path: Path) -> None:
     net = PromptableNet(encoder, decoder)
     net._size = (512, 512)  # as of a file that says nothing of its size, and takes one alone
     with pytest.raises(InputError, match=r"does not run on image \(1, 3, 512, 512\)") as told:
-        net.regions(scene(), Hints())
+        net.regions(scene(), FirstImage())
     assert len(str(told.value).splitlines()) == 1
 
 
@@ -263,7 +263,7 @@ def test_masks_and_scores_that_do_not_agree_are_told(tmp_path: Path, monkeypatch
     net = PromptableNet(*write_pair(tmp_path, "edge"))
     monkeypatch.setattr(net._decoder, "run", lambda *_: [np.ones((1, 2)), np.ones((1, 3, 256, 256))])
     with pytest.raises(InputError, match=r"gives masks \(1, 3, 256, 256\) and 2 scores"):
-        net.regions(scene(), make_hints((480, 640), (160, 200)))
+        net.regions(scene(), FirstImage.of((160, 200)))
 
 
 def test_without_onnxruntime_the_extra_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

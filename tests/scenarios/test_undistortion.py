@@ -19,7 +19,7 @@ from grasptrack.errors import InputError, SourceError
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
-from grasptrack.segmentation.images import to_bgr
+from grasptrack.images import to_bgr
 from grasptrack.segmentation.undistortion import MOST, Undistortion
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.numbers import NUMBERS

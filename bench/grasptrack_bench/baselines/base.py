@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from grasptrack.errors import GraspTrackError, ObservationError
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography, check_plausible, normalize_homography
+from grasptrack.images import Grey, to_grey
 from grasptrack.segmentation.first_look import find_objects
-from grasptrack.segmentation.images import Grey, to_grey
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 from grasptrack_bench.method import Start

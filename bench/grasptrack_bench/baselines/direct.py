@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import GraspTrackError
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 from grasptrack.typing import Floats
 from grasptrack_bench.baselines.base import NO_CONFIDENCE, Found, LostError, Peer, Region, region_of
 from grasptrack_bench.method import Start

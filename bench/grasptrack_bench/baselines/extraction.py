@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import ObservationError
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import View
+from grasptrack.images import Grey
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.first_look import segment_object
-from grasptrack.segmentation.hints import Hints
-from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.typing import Floats
 
@@ -31,14 +31,14 @@ class ExtractedOutlines:
         self._observer = OutlineDetector()
         self._last: View | None = None
 
-    def candidates(self, image: NDArray[Any], hints: Hints | None = None) -> list[Candidate]:
+    def candidates(self, image: NDArray[Any], hints: FirstImage | None = None) -> list[Candidate]:
         """Objects of the first image, the likeliest first.
 
         Raises:
             ObservationError: none.
         """
         self._observer.look(image)
-        return self._observer.first(hints or Hints())
+        return self._observer.first(hints or FirstImage())
 
     def choose(self, candidate: Candidate) -> Grey:
         """Follow this object from now on. Returns the first image in the mixture of colours that shows it best."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.geometry.homographies import apply_homography, check_plausible
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 from grasptrack.typing import Floats
 from grasptrack_bench.baselines.base import Found, LostError, Peer, region_of
 

@@ -13,12 +13,12 @@ from typing import ClassVar, NamedTuple
 import cv2
 import numpy as np
 
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import similarity_transform
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
-from grasptrack.segmentation.hints import Hints
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.snake.active_contour import Snake
 from grasptrack.transfer.base import Transfer
@@ -136,7 +136,7 @@ class PaperTransfer(Peer):
         """See Peer."""
         self._extracted = ExtractedOutlines()
         pointed = self.start.object_at
-        found = self._extracted.candidates(image, Hints(object_at=() if pointed is None else (pointed,)))
+        found = self._extracted.candidates(image, FirstImage(object_at=() if pointed is None else (pointed,)))
         nearest = min(found, key=lambda candidate: farthest_contact_distance(candidate.view.points, self.contacts))
         self._learn(nearest.view, self._extracted.choose(nearest))
 

@@ -97,6 +97,7 @@ def servo(
       grasptrack servo --trials 200 --law textbook --silhouettes shapes
       grasptrack servo --risk 1e-5 --scenario belt
     """
+    from grasptrack.first_image import FirstImage
     from grasptrack_bench.approach.case import check_options
 
     if trials is None and (workers is not None or scheduler is not None):
@@ -110,8 +111,10 @@ def servo(
         "law": law,
         "seed": seed,
         "risk": options.risk_rate(risk),
-        "sure": first_image.sure_rate(sure),
+        "sure": sure,
     }
+    with first_image.by_option():
+        FirstImage.of(sure=sure)
     check_options(scenario=scenario, arm=arm, law=law, images=images or "auto", fingers=fingers)
     shapes = _load_shapes(shape, silhouettes)
     if trials is None:

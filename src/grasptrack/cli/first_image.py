@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -15,11 +16,12 @@ from grasptrack.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from grasptrack.first_image import FirstImage
     from grasptrack.geometry.cameras import Camera
     from grasptrack.geometry.contours import View
     from grasptrack.io.base import Frame
     from grasptrack.segmentation.candidate import Candidate
-    from grasptrack.segmentation.undistortion import Told, Undistortion
+    from grasptrack.segmentation.undistortion import Undistortion
 
 ObjectTexts = Annotated[
     list[str] | None,
@@ -133,32 +135,15 @@ FirstLookMs = Annotated[
 ]
 
 
-class ObjectMeant(NamedTuple):
-    """Which object of an image is meant: px; empty or None where nothing says.
-
-    Attributes:
-        on, off: x, y of pixels on it, and of pixels that are not.
-        box: left, top, width, height of a rectangle round it.
-        outline: corners of a rough polygon round it.
-    """
-
-    on: list[tuple[float, float]]
-    off: list[tuple[float, float]]
-    box: tuple[float, float, float, float] | None
-    outline: list[tuple[float, float]] | None
-
-    @property
-    def is_told(self) -> bool:
-        """Whether anything says which object is meant."""
-        return bool(self.on or self.off) or self.box is not None or self.outline is not None
-
-    def told(
-        self, contacts: NDArray[Any] | None, ignore: NDArray[Any] | None, background: NDArray[Any] | None = None
-    ) -> Told:
-        """The same with contacts that are given, what to ignore, and the empty bench."""
-        from grasptrack.segmentation.undistortion import Told
-
-        return Told(contacts, self.on or None, self.off or None, self.box, self.outline, ignore, background)
+_OPTIONS = {
+    "object_at": "--object",
+    "not_at": "--not",
+    "the box": "--box",
+    "the outline": "--outline",
+    "sure": "--sure",
+    "first_look_ms": "--first-look-ms",
+}
+"""What messages about a first image begin with, and the options that say it."""
 
 
 class Scene(NamedTuple):
@@ -166,13 +151,13 @@ class Scene(NamedTuple):
 
     Attributes:
         image: without the lens's distortion.
-        told: contacts, object and what to ignore, in px of `image`.
+        said: of the object, in px of `image`.
         mask: the user's segmentation of it.
         lens: which was taken out; None without a calibration.
     """
 
     image: NDArray[Any]
-    told: Told
+    said: FirstImage
     mask: NDArray[Any] | None
     lens: Undistortion | None
 
@@ -234,45 +219,46 @@ def parse_polygon(text: str | None, option: str) -> list[tuple[float, float]] | 
     return corners
 
 
-def sure_rate(sure: float) -> float:
-    """The probability from which the choice of an object is sure.
+def first_image(
+    object_: Sequence[str] | None,
+    not_: Sequence[str] | None,
+    box: str | None,
+    outline: str | None,
+    **given: Any,
+) -> FirstImage:
+    """What --object, --not, --box, --outline and others say of the first image.
+
+    Args:
+        object_, not_, box, outline: as written.
+        **given: other arguments of `FirstImage.of`.
 
     Raises:
-        InputError: below 0, or 1 and more.
+        InputError: two of them say which object is meant, or one cannot be read.
     """
-    from grasptrack.segmentation.first_look import check_sure
+    from grasptrack.first_image import FirstImage
 
-    return check_sure(sure, "--sure")
-
-
-def work_limit(ms: float | None) -> float | None:
-    """ms of work that the search for the object may do, or None.
-
-    Raises:
-        InputError: not above 0.
-    """
-    from grasptrack.segmentation.work import check_limit_ms
-
-    return check_limit_ms(ms, "--first-look-ms")
-
-
-def object_meant(
-    object_: Sequence[str] | None, not_: Sequence[str] | None, box: str | None, outline: str | None
-) -> ObjectMeant:
-    """Which object is meant, by --object, --not, --box and --outline.
-
-    Raises:
-        InputError: two of them say it, or one cannot be read.
-    """
-    meant = ObjectMeant(
-        parse_points(object_, "--object"),
-        parse_points(not_, "--not"),
-        parse_rectangle(box, "--box"),
-        parse_polygon(outline, "--outline"),
-    )
-    if bool(meant.on) + (meant.box is not None) + (meant.outline is not None) > 1:
+    said: dict[str, Any] = {
+        "object_at": parse_points(object_, "--object"),
+        "not_at": parse_points(not_, "--not"),
+        "box": parse_rectangle(box, "--box"),
+        "outline": parse_polygon(outline, "--outline"),
+    }
+    if bool(said["object_at"]) + (box is not None) + (outline is not None) > 1:
         raise InputError("--object, --box and --outline all say which object is meant: give one of them")
-    return meant
+    with by_option():
+        return FirstImage.of(**said, **given)
+
+
+@contextmanager
+def by_option() -> Iterator[None]:
+    """Within it an error that names what is said of the first image names the option that said it."""
+    try:
+        yield
+    except InputError as error:
+        text = str(error)
+        for name, option in _OPTIONS.items():
+            text = option + text[len(name) :] if text.startswith(name) else text
+        raise InputError(text, **error.values) from None
 
 
 def told_words(object_: Sequence[str] | None, not_: Sequence[str] | None) -> dict[str, str | None]:
@@ -351,74 +337,30 @@ def only_image(name: str, taken: str) -> Frame:
 
 
 def straighten_scene(
-    image: NDArray[Any], told: Told, calibration: Camera | None, mask: NDArray[Any] | None = None
+    image: NDArray[Any], said: FirstImage, calibration: Camera | None, mask: NDArray[Any] | None = None
 ) -> Scene:
     """An image and what was said of it, without the lens's distortion where the camera is known."""
     from grasptrack.segmentation.undistortion import Undistortion
 
     if calibration is None:
-        return Scene(image, told, mask, None)
+        return Scene(image, said, mask, None)
     lens = Undistortion(calibration, image.shape[1], image.shape[0])
-    return Scene(lens.image(image), told.straight(lens), None if mask is None else lens.mask(mask), lens)
+    return Scene(lens.image(image), said.straight(lens), None if mask is None else lens.mask(mask), lens)
 
 
-def check_within(shape: tuple[int, ...], meant: ObjectMeant) -> None:
-    """See that what says which object is meant lies in an image.
-
-    Raises:
-        InputError: it does not.
-    """
-    from grasptrack.segmentation.hints import make_hints
-
-    try:
-        make_hints(shape, meant.on or None, meant.off or None, meant.box, meant.outline)
-    except InputError as error:
-        text = str(error)
-        for name, option in (
-            ("object_at", "--object"),
-            ("not_at", "--not"),
-            ("the box", "--box"),
-            ("the outline", "--outline"),
-        ):
-            text = option + text[len(name) :] if text.startswith(name) else text
-        raise InputError(text, **error.values) from None
-
-
-def find_outlines(
-    scene: Scene,
-    segmenter: str | None = None,
-    number: int | None = None,
-    sure: float = 0.0,
-    first_look_ms: float | None = None,
-) -> tuple[list[View], list[Candidate]]:
+def find_outlines(scene: Scene, segmenter: str | None = None) -> tuple[list[View], list[Candidate]]:
     """Outlines in an image, none within another, the object that is meant first; and where that is not sure, what it may be.
-
-    Args:
-        scene: the image.
-        segmenter: proposes regions beside the own search.
-        number: of the candidate that a person took.
-        sure: probability from which the choice is sure.
-        first_look_ms: work that the search may do.
 
     Raises:
         ObservationError: no object, or none where it should be.
-        InputError: a mask of another size, no such segmenter, or fewer candidates.
+        InputError: a mask of another size, no such segmenter, or fewer candidates than the number that was taken.
     """
-    from grasptrack.segmentation.first_look import distinct_candidates, find_objects, first_look
+    from grasptrack.segmentation.first_look import distinct_candidates, find_objects, look_for
     from grasptrack.segmentation.segmenters import segmenter_for
 
-    told = scene.told
-    asked: dict[str, Any] = {
-        "object_at": told.object_at,
-        "box": told.box,
-        "ignore": told.ignore,
-        "mask": scene.mask,
-        "not_at": told.not_at,
-        "outline": told.outline,
-        "segmenter": segmenter_for(segmenter),
-        "background": told.background,
-        "first_look_ms": first_look_ms,
-    }
-    found = find_objects(scene.image, **asked, number=number)
-    likely = number is not None or found[0].probability >= sure
-    return [c.view for c in found], [] if likely else distinct_candidates(first_look(scene.image, **asked))
+    regions = segmenter_for(segmenter)
+    found = find_objects(scene.image, scene.said, mask=scene.mask, segmenter=regions)
+    likely = scene.said.number is not None or found[0].probability >= scene.said.sure
+    return [c.view for c in found], [] if likely else distinct_candidates(
+        look_for(scene.image, scene.said, regions, scene.mask)
+    )

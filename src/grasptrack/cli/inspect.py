@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -74,8 +75,10 @@ def inspect(
       grasptrack inspect photo.jpg --grasp "193,308 157,99" --json
       grasptrack inspect photo.jpg --camera camera.yaml
     """
-    meant = first_image.object_meant(object_, not_, box, outline)
     contacts, count = options.contacts_and_fingers(grasp, fingers)
+    said = first_image.first_image(
+        object_, not_, box, outline, grasp=contacts, number=choose, sure=sure, first_look_ms=first_look_ms
+    )
     if contacts is None:
         options.two_or_three(count)
     options.positive_friction(friction)
@@ -83,12 +86,11 @@ def inspect(
     options.strategy_choice(strategy)
     lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.hand_for_first(scale, lengths, grasp, False)
-    first_image.sure_rate(sure)
-    first_image.work_limit(first_look_ms)
     calibration = first_image.load_calibration(camera)
     empty = first_image.background_image(background, mask)
 
     from grasptrack.documents import write_json
+    from grasptrack.first_image import DEFAULT_SURE
     from grasptrack.io.folder import prepare_folder
     from grasptrack.io.json_results import inspection_to_dict
     from grasptrack.io.masks import read_mask
@@ -99,28 +101,21 @@ def inspect(
     from grasptrack.view.inspect import write_inspection
 
     picture = first_image.only_image(image, "inspect takes one image").image
-    first_image.check_within(picture.shape, meant)
+    with first_image.by_option():
+        said.within(picture.shape)
     own = None if mask is None else read_mask(mask)
-    told = meant.told(contacts, first_image.ignore_mask(ignore), empty)
+    said = replace(said, ignore=first_image.ignore_mask(ignore), background=empty, sure=DEFAULT_SURE)
     prepare_folder(output)
-    scene = first_image.straighten_scene(picture, told, calibration, own)
-    told, lens = scene.told, scene.lens
+    scene = first_image.straighten_scene(picture, said, calibration, own)
+    lens = scene.lens
     try:
         found = look(
             scene.image,
-            grasp=told.contacts,
+            **scene.said.arguments(),
             fingers=count,
             friction=friction,
-            object_at=told.object_at,
-            not_at=told.not_at,
-            outline=told.outline,
             segmenter=segmenter,
-            background=told.background,
-            number=choose,
-            first_look_ms=first_look_ms,
-            box=told.box,
             mask=scene.mask,
-            ignore=told.ignore,
             hand=hand,
             strategy=strategy,
             risk=risk,
@@ -136,7 +131,7 @@ def inspect(
         "choose": choose,
         "sure": sure,
         "mask": mask,
-        "first_look_ms": first_image.work_limit(first_look_ms),
+        "first_look_ms": first_look_ms,
         "segmenter": segmenter,
         "background": background,
         "ignore": ignore,
@@ -153,9 +148,9 @@ def inspect(
     data, page = output / "inspect.json", output / "inspect.png"
     write_inspection(page, scene.image, found, title=Path(image).name + (", made straight" if lens is not None else ""))
     found = found if lens is None else as_seen(found, lens)
-    said = any(word is not None for word in (choose, outline, grasp, mask))
+    by_hand = said.is_settled or mask is not None
     notes = [
-        *note_candidates(found.candidates, picture, output, sure, meant=said),
+        *note_candidates(found.candidates, picture, output, sure, meant=by_hand),
         *first_image.scaling_notes(calibration, picture.shape),
         f"{data}, {page}",
     ]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -130,8 +131,8 @@ def live(
         "box": box,
         "outline": outline,
         "choose": choose,
-        "sure": first_image.sure_rate(sure),
-        "first_look_ms": first_image.work_limit(first_look_ms),
+        "sure": sure,
+        "first_look_ms": first_look_ms,
         "segmenter": segmenter,
         "background": background,
         "ignore": ignore,
@@ -147,7 +148,9 @@ def live(
     contacts, count = options.contacts_and_fingers(grasp, fingers)
     if contacts is None:
         options.two_or_three(count)
-    meant = first_image.object_meant(object_, not_, box, outline)
+    said = first_image.first_image(
+        object_, not_, box, outline, grasp=contacts, number=choose, sure=sure, first_look_ms=first_look_ms
+    )
     hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
     calibration = first_image.load_calibration(camera)
     measure = None if length is None else parse_measure(length, "--length")
@@ -159,7 +162,7 @@ def live(
     from grasptrack.io.folder import hold_folder
     from grasptrack.io.sources import open_source
     from grasptrack.live.session import LiveSession
-    from grasptrack.live.settings import Meant, Settings
+    from grasptrack.live.settings import Settings
     from grasptrack.segmentation.segmenters import segmenter_for
 
     images = open_source(source, fps, settings=source_options.device_settings(set_))
@@ -168,29 +171,19 @@ def live(
         fingers=count,
         friction=friction,
         risk=risk,
-        sure=sure,
-        first_look_ms=first_look_ms,
         hand=hand,
         segmenter=segmenter_for(segmenter),
-        background=first_image.background_image(background, None),
-        ignore=first_image.ignore_mask(ignore),
         camera=calibration,
         length=None if measure is None else measure.value,
         resynthesize=resynthesize,
     )
-    told = Meant(
-        on=tuple(meant.on),
-        off=tuple(meant.off),
-        box=meant.box,
-        outline=None if meant.outline is None else tuple(meant.outline),
-        contacts=None if contacts is None else tuple((x, y) for x, y in contacts.tolist()),
-        number=choose,
-    )
-    settings.tracker(told)  # what does not go together is told before anything is served
+    empty = first_image.background_image(background, None)
+    said = replace(said, background=empty, ignore=first_image.ignore_mask(ignore))
+    settings.tracker(said)  # what does not go together is told before anything is served
     listener = bind(host, port)  # before anything in the folder is replaced
     with hold_folder(output), Interruption() as interruption:
         session = LiveSession(
-            images, settings, output, meant=told, at_once=start, options=asked, record_as=f".{record_as}"
+            images, settings, output, meant=said, at_once=start, options=asked, record_as=f".{record_as}"
         )
         server = PageServer(session, host, listener=listener)
         session.start()

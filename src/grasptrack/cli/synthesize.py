@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -85,8 +86,8 @@ def synthesize(
       grasptrack synthesize photo.jpg --camera camera.yaml
       grasptrack synthesize photo.jpg --mask mask.png --all --output grasps
     """
-    meant = first_image.object_meant(object_, not_, box, outline)
-    if all_ and (meant.is_told or choose is not None):
+    said = first_image.first_image(object_, not_, box, outline, number=choose, sure=sure, first_look_ms=first_look_ms)
+    if all_ and said.says_anything:
         raise InputError(
             "--all takes every object in the image: leave out --object, --not, --box, --outline and --choose"
         )
@@ -97,8 +98,6 @@ def synthesize(
     options.positive_friction(friction)
     lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.build_hand(scale, **lengths)
-    first_image.sure_rate(sure)
-    first_image.work_limit(first_look_ms)
     calibration = first_image.load_calibration(camera)
     empty = first_image.background_image(background, mask)
 
@@ -109,12 +108,16 @@ def synthesize(
     from grasptrack.view.grasps import write_grasps
 
     picture = first_image.only_image(image, "synthesize takes one image").image
-    first_image.check_within(picture.shape, meant)
-    told, own = meant.told(None, first_image.ignore_mask(ignore), empty), None if mask is None else read_mask(mask)
+    with first_image.by_option():
+        said.within(picture.shape)
+    said, own = (
+        replace(said, ignore=first_image.ignore_mask(ignore), background=empty),
+        None if mask is None else read_mask(mask),
+    )
     prepare_folder(output)
-    scene = first_image.straighten_scene(picture, told, calibration, own)
+    scene = first_image.straighten_scene(picture, said, calibration, own)
     try:
-        views, candidates = first_image.find_outlines(scene, segmenter, choose, sure, first_look_ms)
+        views, candidates = first_image.find_outlines(scene, segmenter)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
     planned = _plan_grasps(views, all_, fingers, friction, top, hand)
@@ -128,7 +131,7 @@ def synthesize(
         "choose": choose,
         "sure": sure,
         "mask": mask,
-        "first_look_ms": first_image.work_limit(first_look_ms),
+        "first_look_ms": first_look_ms,
         "segmenter": segmenter,
         "background": background,
         "ignore": ignore,
@@ -140,8 +143,8 @@ def synthesize(
         "scale": scale,
         "all": all_,
     }
-    said = all_ or outline is not None or mask is not None
-    notes = note_candidates(candidates, scene.image, output, sure, meant=said)
+    by_hand = all_ or outline is not None or mask is not None
+    notes = note_candidates(candidates, scene.image, output, sure, meant=by_hand)
     data, page = output / "grasps.json", output / "grasps.png"
     write_json(data, grasps_to_dict(planned, image, picture.shape, asked, scale))
     write_grasps(page, picture, planned, fingers=fingers, friction=friction, title=Path(image).name, px_per_mm=scale)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -122,9 +123,9 @@ def track(
         "box": box,
         "outline": outline,
         "choose": choose,
-        "sure": first_image.sure_rate(sure),
+        "sure": sure,
         "masks": masks,
-        "first_look_ms": first_image.work_limit(first_look_ms),
+        "first_look_ms": first_look_ms,
         "segmenter": segmenter,
         "background": background,
         "ignore": ignore,
@@ -141,7 +142,9 @@ def track(
         "video": not no_video,
     }
     contacts, count = options.contacts_and_fingers(grasp, fingers)
-    meant = first_image.object_meant(object_, not_, box, outline)
+    said = first_image.first_image(
+        object_, not_, box, outline, grasp=contacts, number=choose, sure=sure, first_look_ms=first_look_ms
+    )
     hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
     calibration = first_image.load_calibration(camera)
     measure = None if length is None else parse_measure(length, "--length")
@@ -160,21 +163,17 @@ def track(
     if masks is not None and segmenter is not None:
         raise InputError("--masks and --segmenter both say where the object is: give one of them")
     segmentation = None if masks is None else open_masks(masks, images)
+    said = replace(
+        said,
+        ignore=first_image.ignore_mask(ignore),
+        background=first_image.background_image(background, masks),
+        more=() if images.live or images.kind == "stdin" else _later_images(source, settings),
+    )
     tracker = GraspTracker(
+        **said.arguments(),
         fingers=count,
         strategy=strategy,
         friction=friction,
-        grasp=contacts,
-        object_at=meant.on or None,
-        not_at=meant.off or None,
-        box=meant.box,
-        outline=meant.outline,
-        number=choose,
-        more=() if images.live or images.kind == "stdin" else _later_images(source, settings),
-        sure=sure,
-        first_look_ms=first_look_ms,
-        ignore=first_image.ignore_mask(ignore),
-        background=first_image.background_image(background, masks),
         resynthesize=resynthesize,
         hand=hand,
         segmenter=segmenter_for(segmenter),
@@ -231,8 +230,8 @@ def track(
     if images.recorded_with not in ("", tracking_options(asked)):
         again = images.recorded_with if len(images.recorded_with) <= LONGEST else f'in its metadata, "{METADATA}"'
         notes.append(f"recorded with other options; those that give the same digits: {again}")
-    said = choose is not None or meant.outline is not None or contacts is not None
-    notes += note_candidates(tracker.candidates, looks[0] if looks else None, output, sure, meant=said)
+    first = looks[0] if looks else None
+    notes += note_candidates(tracker.candidates, first, output, sure, meant=said.is_settled)
     notes += advice_for(summary.codes, summary.frames)
     if not quiet:
         show_run(summary, output, notes)

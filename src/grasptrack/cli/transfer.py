@@ -15,7 +15,7 @@ from grasptrack.errors import GraspTrackError, InputError, TransferError
 from grasptrack.presentation import format_confidence
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from grasptrack.geometry.contours import View
     from grasptrack.segmentation.undistortion import Undistortion
@@ -92,26 +92,20 @@ def transfer(
     hidden, calibration = first_image.ignore_mask(ignore), first_image.load_calibration(camera)
     first, second = (first_image.only_image(name, "transfer takes two images").image for name in (image_a, image_b))
 
+    from grasptrack.first_image import FirstImage
     from grasptrack.grasp.contacts import Grasp
     from grasptrack.io.folder import prepare_folder
-    from grasptrack.segmentation.undistortion import Told
     from grasptrack.tracking.camera import Beforehand
     from grasptrack.tracking.image_pair import transfer_between_images
     from grasptrack.tracking.numbers import NUMBERS
     from grasptrack.tracking.tracker import GraspTracker
 
     prepare_folder(output)
-    one = first_image.straighten_scene(first, Told(contacts, place_a, ignore=hidden), calibration)
-    other = first_image.straighten_scene(second, Told(None, place_b, ignore=hidden), calibration)
-    told, lens = one.told, one.lens
+    one = first_image.straighten_scene(first, FirstImage.of(place_a, grasp=contacts, ignore=hidden), calibration)
+    other = first_image.straighten_scene(second, FirstImage.of(place_b, ignore=hidden), calibration)
+    lens = one.lens
     # The first step of a sequence, so that object and grasp are chosen here as they are there.
-    begun = GraspTracker(
-        fingers=count,
-        friction=friction,
-        grasp=told.contacts,
-        object_at=_first_point(told.object_at),
-        ignore=told.ignore,
-    )
+    begun = GraspTracker(fingers=count, friction=friction, **one.said.arguments())
     chosen = begun.update(one.image)
     if chosen.contacts is None or chosen.view is None:
         raise InputError(f'"{image_a}": {chosen.reason}')
@@ -124,8 +118,7 @@ def transfer(
             one.image,
             other.image,
             friction,
-            _first_point(other.told.object_at),
-            other.told.ignore,
+            other.said,
             risk,
             focal,
         )
@@ -156,16 +149,6 @@ def transfer(
     if all(o.reason for o in found.outcomes):
         tell_error(f'"{image_b}": every strategy refuses: {found.outcomes[0].reason}')
         raise typer.Exit(REFUSED)
-
-
-def _first_point(points: ArrayLike | None) -> tuple[float, float] | None:
-    """The pixel that was given, as it is after the lens's distortion was taken out; None of none."""
-    import numpy as np
-
-    if points is None:
-        return None
-    x, y = np.atleast_2d(np.asarray(points, dtype=np.float64))[0].tolist()
-    return x, y
 
 
 class _Found(NamedTuple):

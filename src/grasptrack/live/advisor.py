@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from grasptrack.errors import GraspTrackError, InputError
+from grasptrack.first_image import FirstImage
+from grasptrack.images import to_bgr
 from grasptrack.live.commands import Hover, Wire
 from grasptrack.live.inbox import Arrival
-from grasptrack.live.settings import Meant, Settings
+from grasptrack.live.settings import Settings
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.hints import make_hints
-from grasptrack.segmentation.images import to_bgr
 from grasptrack.segmentation.live_wire import LiveWire
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.trackability import inspect_scene
@@ -50,7 +50,7 @@ class Proposal:
 
     question: int
     image: int
-    meant: Meant
+    meant: FirstImage
     tracker: GraspTracker | None = None
     result: TrackResult | None = None
     candidates: tuple[Candidate, ...] = ()
@@ -151,7 +151,7 @@ class Advisor:
                 self._answer(found)
 
 
-def propose(question: int, number: int, arrival: Arrival, meant: Meant, settings: Settings) -> Proposal:
+def propose(question: int, number: int, arrival: Arrival, meant: FirstImage, settings: Settings) -> Proposal:
     """A tracker that has seen an image with what was said of it; errors are told in the answer."""
     asked = Proposal(question, number, meant)
     try:
@@ -212,7 +212,7 @@ def outline_under(command: Hover, arrival: Arrival, settings: Settings) -> Hover
         return empty
     image = to_bgr(arrival.frame.image)
     try:
-        hints = make_hints(image.shape[:2], (command.x, command.y))
+        hints = FirstImage.of((command.x, command.y)).within(image.shape)
         regions = settings.segmenter.regions(image, hints)
     except GraspTrackError:
         return empty

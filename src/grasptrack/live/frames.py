@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from grasptrack.first_image import FirstImage
 from grasptrack.io.encoding import encode_jpeg
 from grasptrack.live.advisor import Proposal
 from grasptrack.live.curves import CurvePoint
-from grasptrack.live.settings import Meant
 from grasptrack.live.state import Shown
 from grasptrack.segmentation.first_look import describe_candidate
 from grasptrack.tracking.messages import SENTENCES
@@ -137,8 +137,8 @@ def _verdict_entry(shown: Shown) -> dict[str, Any]:
     return {"level": verdict.level, "expectation": verdict.expectation, "reasons": verdict.reasons}
 
 
-def _meant_entry(meant: Meant) -> dict[str, Any]:
-    return {"on": meant.on, "off": meant.off, "box": meant.box}
+def _meant_entry(meant: FirstImage) -> dict[str, Any]:
+    return {"on": meant.object_at, "off": meant.not_at, "box": meant.box}
 
 
 def _wire_entry(shown: Shown) -> dict[str, Any]:

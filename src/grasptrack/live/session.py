@@ -12,7 +12,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from grasptrack.errors import GraspTrackError, InputError
+from grasptrack.first_image import FirstImage
+from grasptrack.grasp.contacts import Grasp
 from grasptrack.io.base import Source
 from grasptrack.io.recorders.again import tracking_options
 from grasptrack.io.recorders.background import WriterThread
@@ -31,7 +35,7 @@ from grasptrack.live.advisor import (
 from grasptrack.live.inbox import Arrival
 from grasptrack.live.loop import SessionLoop
 from grasptrack.live.player import Ended
-from grasptrack.live.settings import Meant, Settings, shared
+from grasptrack.live.settings import Settings, shared
 from grasptrack.live.state import Shown
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
@@ -50,7 +54,8 @@ class LiveSession(SessionLoop):
         source: nobody else reads it.
         settings: of the tracker.
         output: the run's folder; an earlier run's files in it are replaced.
-        meant: what is said of the first image; it is followed at once then.
+        meant: what is said of the first image; an object that it names is followed at once. Background, ignored pixels and the
+            search's bounds count for every image in which an object is to be chosen.
         at_once: follow the likeliest object of the first image without a person's word.
         options: what the user asked for, for run.json.
         record_as: suffix of recordings: ".mp4", or one of `grasptrack.io.recording.SUFFIXES`.
@@ -66,7 +71,7 @@ class LiveSession(SessionLoop):
         settings: Settings,
         output: Path,
         *,
-        meant: Meant | None = None,
+        meant: FirstImage | None = None,
         at_once: bool = False,
         options: Mapping[str, Any] | None = None,
         record_as: str = ".mp4",
@@ -74,9 +79,10 @@ class LiveSession(SessionLoop):
     ) -> None:
         self._settings = replace(settings, segmenter=shared(settings.segmenter))
         self._options = dict(options or {})
-        self._first_meant, self._at_once = meant or Meant(), at_once
-        fingers = max(CONTACTS, settings.fingers, len(self._first_meant.contacts or ()))
-        shown = Shown(friction=settings.friction, fingers=settings.fingers, live=source.live)
+        self._first_meant, self._at_once = meant or FirstImage(), at_once
+        self._nothing_meant = self._first_meant.of_no_object()
+        fingers = max(CONTACTS, settings.fingers, len(self._first_meant.grasp or ()))
+        shown = Shown(meant=self._nothing_meant, friction=settings.friction, fingers=settings.fingers, live=source.live)
         super().__init__(source, output, fingers, shown, options or {}, record_as, pace)
         self._desk = WireDesk()
         self._tracker: GraspTracker | None = None
@@ -132,8 +138,8 @@ class LiveSession(SessionLoop):
         self._kept.add(image, arrival)
         if self._tracker is None:
             is_first = image == self._first_image
-            meant = self._first_meant if is_first else Meant()
-            self._propose(image, meant, follow=is_first and (self._at_once or meant.is_told))
+            meant = self._first_meant if is_first else self._nothing_meant
+            self._propose(image, meant, follow=is_first and (self._at_once or meant.says_anything))
             return
         try:
             result = self._tracker.update(arrival.frame.image, time=arrival.frame.time)
@@ -159,9 +165,7 @@ class LiveSession(SessionLoop):
         """Options that track a recording again alike which begins with an image; none, where tracking began before it."""
         if image != self._chosen_in:
             return ""
-        meant, known = self._shown.meant, {**self._options, **self._settings.options()}
-        fingers = None if meant.contacts is not None else known["fingers"]
-        return tracking_options({**known, **meant.options(), "fingers": fingers, "sure": 0})
+        return tracking_options({**self._options, **self._settings.options(self._shown.meant), "sure": 0})
 
     def _on_end(self, end: Ended) -> None:
         if end.run != self._playing:
@@ -177,7 +181,7 @@ class LiveSession(SessionLoop):
 
     # --- choosing --------------------------------------------------------------------------------
 
-    def _propose(self, image: int, meant: Meant, *, follow: bool = False) -> None:
+    def _propose(self, image: int, meant: FirstImage, *, follow: bool = False) -> None:
         """Hold an image, and have an object and a grasp looked for in it."""
         arrival = self._kept.get(image)
         self._tracker, self._follow_when_ready = None, follow
@@ -200,14 +204,14 @@ class LiveSession(SessionLoop):
     def _on_proposal(self, proposal: Proposal) -> None:
         if proposal.question != self._question:
             return
-        settings, meant = self._settings, proposal.meant
-        sure = meant.is_settled or (meant.points_at and proposal.is_sure(settings.sure))
+        meant = proposal.meant
+        sure = meant.is_settled or (meant.names_object and proposal.is_sure(meant.sure))
         if proposal.tracker is not None and (self._follow_when_ready or (sure and proposal.candidates)):
             self._follow(proposal)
             return
         self._follow_when_ready = False
         note = self._note(proposal.error) if proposal.error else self._shown.notice
-        if self._source.live and not proposal.candidates and not meant.is_told and not proposal.error:
+        if self._source.live and not proposal.candidates and not meant.says_anything and not proposal.error:
             self._inbox.newest_only()
             self._show(phase="opening", result=proposal.result, notice=note)  # the next image may show an object
             return
@@ -234,11 +238,12 @@ class LiveSession(SessionLoop):
                 here = self._meant_in(image)
                 self._propose(image, here.with_pixel((x, y), on))
             case told.Box(image, x, y, width, height):
-                self._propose(image, Meant(off=self._meant_in(image).off, box=(x, y, width, height)))
+                off = self._meant_in(image).not_at
+                self._propose(image, replace(self._nothing_meant, not_at=off, box=(x, y, width, height)))
             case told.Contacts(image, points):
-                self._propose(image, Meant(contacts=points))
+                self._propose(image, replace(self._nothing_meant, grasp=Grasp(points)))
             case told.Outline(image, points):
-                self._propose(image, Meant(outline=points))
+                self._propose(image, replace(self._nothing_meant, outline=np.array(points)))
             case told.Choose(number):
                 self._choose(number)
             case told.Start():
@@ -268,10 +273,10 @@ class LiveSession(SessionLoop):
             case told.Record(on):
                 self._record(on)
 
-    def _meant_in(self, image: int) -> Meant:
+    def _meant_in(self, image: int) -> FirstImage:
         """What was said of an image before."""
         shown = self._shown
-        return shown.meant if shown.phase in ("looking", "choosing") and shown.image == image else Meant()
+        return shown.meant if shown.phase in ("looking", "choosing") and shown.image == image else self._nothing_meant
 
     def _choose(self, number: int) -> None:
         proposal = self._shown.proposal
@@ -298,7 +303,7 @@ class LiveSession(SessionLoop):
 
     def _restart(self) -> None:
         again = self._shown.meant if self._shown.image == self._first_image else self._first_meant
-        self._first_meant = Meant() if self._source.live else again
+        self._first_meant = self._nothing_meant if self._source.live else again
         self._tracker = None
         self._play()
         self._show(phase="opening", paused=False, result=None, proposal=None, verdict=None, wire=None, hover=None)
@@ -308,9 +313,9 @@ class LiveSession(SessionLoop):
         if self._source.live and self._shown.phase not in ("ended", "failed"):
             self._inbox.newest_only()
             cleared: dict[str, Any] = {"result": None, "proposal": None, "verdict": None, "wire": None, "hover": None}
-            self._show(phase="opening", paused=False, meant=Meant(), **cleared)
+            self._show(phase="opening", paused=False, meant=self._nothing_meant, **cleared)
         else:
-            self._propose(self._shown.image, Meant())
+            self._propose(self._shown.image, self._nothing_meant)
 
     def _set_friction(self, value: float) -> None:
         self._settings = replace(self._settings, friction=value)
@@ -321,18 +326,18 @@ class LiveSession(SessionLoop):
             self._propose(self._shown.image, self._shown.meant)
 
     def _set_fingers(self, count: int) -> None:
-        self._settings.tracker(Meant())  # as it is now, it is known to be good
+        self._settings.tracker(self._nothing_meant)  # as it is now, it is known to be good
         settings = replace(self._settings, fingers=count)
-        settings.tracker(Meant())
+        settings.tracker(self._nothing_meant)
         self._settings = settings
         shown = self._shown
         self._show(fingers=count)
         if shown.phase in ("choosing", "looking"):
-            self._propose(shown.image, replace(shown.meant, contacts=None))
+            self._propose(shown.image, replace(shown.meant, grasp=None))
         elif self._tracker is not None and shown.result is not None and shown.result.located and shown.result.view:
             outline = shown.result.view.outer.points
             corners = outline[:: max(1, len(outline) // CORNERS)]
-            self._propose(shown.image, Meant(outline=tuple((x, y) for x, y in corners.tolist())))
+            self._propose(shown.image, replace(self._nothing_meant, outline=corners))
         elif self._tracker is not None:
             self._show(
                 notice=self._note("the number of fingers counts from the next choice on: the object is not located now")

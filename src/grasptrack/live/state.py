@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from grasptrack.first_image import FirstImage
 from grasptrack.live.advisor import HoverOutline, Proposal, Verdict, WireState
 from grasptrack.live.inbox import Arrival
-from grasptrack.live.settings import Meant
 from grasptrack.tracking.result import TrackResult
 
 Phase = Literal["opening", "looking", "choosing", "tracking", "ended", "failed"]
@@ -47,7 +47,7 @@ class Shown:
     result: TrackResult | None = None
     proposal: Proposal | None = None
     verdict: Verdict | None = None
-    meant: Meant = field(default_factory=Meant)
+    meant: FirstImage = field(default_factory=FirstImage)
     friction: float = 0.5
     fingers: int = 2
     wire: WireState | None = None

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.segmentation.images import Grey, to_grey
+from grasptrack.images import Grey, to_grey
 from grasptrack.segmentation.registration import register_affine, warp_affine
 from grasptrack.typing import Floats
 

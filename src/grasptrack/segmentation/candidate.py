@@ -14,9 +14,9 @@ from grasptrack import kernels
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import ContourError
 from grasptrack.geometry.contours import Contour, View
+from grasptrack.images import PLAIN, Channel, Grey
 from grasptrack.segmentation.color_projection import best_color_projection
 from grasptrack.segmentation.holes import MOST, ground_within, true_hole
-from grasptrack.segmentation.images import PLAIN, Channel, Grey
 from grasptrack.segmentation.localization import localize_contour
 from grasptrack.segmentation.normalized_gradient import Planes
 from grasptrack.segmentation.silhouettes import Silhouette

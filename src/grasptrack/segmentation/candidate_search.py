@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import InputError, ObservationError
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import View
+from grasptrack.images import to_grey, to_mask
 from grasptrack.segmentation.background import background_maps
 from grasptrack.segmentation.candidate import Candidate, of_closed_edges, of_one_level
 from grasptrack.segmentation.choice import Signs, choice_probabilities, drawn_probability, load_numbers, measure_worth
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
-from grasptrack.segmentation.hints import BESIDE, Hints, box_iou
-from grasptrack.segmentation.images import to_grey, to_mask
 from grasptrack.segmentation.normalized_gradient import Planes, lab_planes
 from grasptrack.segmentation.proposals import GIVEN, THRESHOLD, Proposal, is_alike, propose_silhouettes
 from grasptrack.segmentation.quadrangles import find_quadrangles
@@ -26,10 +26,10 @@ from grasptrack.segmentation.rating import NONE, SilhouetteScorer
 from grasptrack.segmentation.regions import Region, Segmenter
 from grasptrack.segmentation.segmenters import OneMask
 from grasptrack.segmentation.shadow import without_shadow
-from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
+from grasptrack.segmentation.silhouettes import Silhouette, box_iou, trace_silhouettes
 from grasptrack.segmentation.snapping import OutlineSnapper, outline_agreement, polygon_silhouette
 from grasptrack.segmentation.work import CONTOUR, CONTOUR_PX, GRADIENTS, PREPARED, QUADRANGLES, Work
-from grasptrack.typing import Floats
+from grasptrack.typing import Box, Floats, Point
 
 MIN_EXTENT = 20
 """px across; a smaller object has no outline worth following."""
@@ -58,6 +58,12 @@ FALLBACK_RECIPE = 2
 """Of `closed_edges.RECIPES`: looks for what no way of looking found by itself."""
 
 
+BESIDE = 3.0
+"""px: a click may lie so far beside a thin part."""
+MIN_BOX_OVERLAP = 0.3
+"""Intersection over union with a box that was drawn; a region of less is another one."""
+
+
 class _Rated(NamedTuple):
     """A proposal and the logarithm of its worth, with the segmenter's maps and without."""
 
@@ -69,7 +75,7 @@ class _Rated(NamedTuple):
 class CandidateSearch:
     """One image: what is proposed in it, and what becomes of that."""
 
-    def __init__(self, colours: NDArray[np.uint8], hints: Hints, segmenter: Segmenter | None) -> None:
+    def __init__(self, colours: NDArray[np.uint8], hints: FirstImage, segmenter: Segmenter | None) -> None:
         self.colours, self._hints = colours, hints
         self._grey = to_grey(colours)
         self._planes: Planes = lab_planes(colours)
@@ -87,7 +93,7 @@ class CandidateSearch:
         reduced = self._edges.fields[0].strength.size
         self._work.spend((PREPARED * self._grey.size + GRADIENTS * reduced) / 1e6)
         self._proposals = self._propose(maps)
-        self.meant = [p for p in self._proposals if hints.allows(p.silhouette)]
+        self.meant = [p for p in self._proposals if is_allowed(p.silhouette, hints)]
 
     def candidates(self) -> list[Candidate]:
         """Contours of the likeliest proposals, the likeliest first."""
@@ -110,7 +116,7 @@ class CandidateSearch:
     def _quadrangles(self) -> list[Silhouette]:
         """Quadrangles of straight edges where a person points."""
         hints, px = self._hints, self._edges.shrink
-        at = hints.object_at[0] if hints.object_at else hints.box_middle()
+        at = hints.object_at[0] if hints.object_at else _box_middle(hints.box)
         if hints.masked or at is None or not self._work.allows(QUADRANGLES * self._grey.size / px**2 / 1e6):
             return []
         self._work.spend(QUADRANGLES * self._grey.size / px**2 / 1e6)
@@ -127,7 +133,7 @@ class CandidateSearch:
         if self._hints.background is not None:  # a person's word, as a box is
             numbers = numbers._replace(map_power=numbers.box_power)
         worth = measure_worth(compared, self._maps, self._hints.box, numbers)
-        meant = [k for k, p in enumerate(compared) if self._hints.allows(p.silhouette)]
+        meant = [k for k, p in enumerate(compared) if is_allowed(p.silhouette, self._hints)]
         kept: list[int] = []
         for k in sorted(meant, key=lambda k: -worth[k]):
             if not any(is_alike(compared[k].silhouette, compared[j].silhouette) for j in kept):
@@ -160,7 +166,7 @@ class CandidateSearch:
         found: dict[int, Proposal] = {}
         for p in sorted([p for p in large if _is_cut(p)], key=lambda p: -p.rating.score_in_view)[:CUT]:
             found[id(p)] = p
-        for pool in (large, [p for p in large if self._hints.allows(p.silhouette)]):
+        for pool in (large, [p for p in large if is_allowed(p.silhouette, self._hints)]):
             for own in (False, True):
                 for p in [p for p in pool if (p.recipe == GIVEN) is own][:COMPARED]:
                     found[id(p)] = p
@@ -209,7 +215,7 @@ class CandidateSearch:
             offered = False
             if p.recipe != GIVEN and p.rating.score < least:
                 offered = cut < CUT and _is_cut(p) and p.rating.score_in_view >= least
-                if not offered or not (found or self._hints.names_object):  # alone it is the ground of an empty image
+                if not offered or not (found or self._hints.is_pointed_at):  # alone it is the ground of an empty image
                     continue
                 cut += 1
             part = _overlaps_found(p.silhouette, taken, found)
@@ -269,6 +275,17 @@ class CandidateSearch:
             return candidate._replace(level=0.5 * (candidate.inside + candidate.outside), recipe=THRESHOLD)
         field = self._edges.fields[0]
         return candidate._replace(recipe=FALLBACK_RECIPE, grain=field.unit)
+
+
+def is_allowed(shape: Silhouette, hints: FirstImage) -> bool:
+    """Whether a region covers all pixels on the object, none beside it, and fills a box at least in part."""
+    if any(shape.depth(*at) < -BESIDE for at in hints.object_at) or any(shape.depth(*at) > 0.0 for at in hints.not_at):
+        return False
+    return hints.box is None or box_iou(shape.box, hints.box) > MIN_BOX_OVERLAP
+
+
+def _box_middle(box: Box | None) -> Point | None:
+    return None if box is None else (box[0] + 0.5 * box[2], box[1] + 0.5 * box[3])
 
 
 def _is_beside(shape: Silhouette, polygon: Floats) -> bool:

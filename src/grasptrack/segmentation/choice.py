@@ -20,9 +20,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.segmentation.hints import Box, box_iou
 from grasptrack.segmentation.proposals import Proposal
-from grasptrack.typing import Floats
+from grasptrack.segmentation.silhouettes import box_iou
+from grasptrack.typing import Box, Floats
 
 FLOOR, LEAST_OVERLAP = 1e-6, 0.02
 """What logarithms' arguments are raised to, at least: of a rating, and of an overlap."""

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 from grasptrack.segmentation.normalized_gradient import NormalizedGradient, Planes
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.work import CLOSING, RATED, SEARCH_SHARE, Work

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.geometry.contours import Contour
-from grasptrack.segmentation.images import PLAIN, Channel
+from grasptrack.images import PLAIN, Channel
 from grasptrack.typing import Floats
 
 BETTER = 1.5

@@ -15,26 +15,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import arguments
 from grasptrack.errors import InputError, ObservationError
+from grasptrack.first_image import DEFAULT_SURE, FIRST_IMAGE_CHECKS, FirstImage
 from grasptrack.geometry.contours import View
+from grasptrack.images import as_scene, to_bgr, to_mask
 from grasptrack.segmentation.candidate import Candidate, contains_pixel
 from grasptrack.segmentation.candidate_search import MIN_EXTENT, CandidateSearch, is_same_region
-from grasptrack.segmentation.hints import HINT_CHECKS, Hints, make_hints
-from grasptrack.segmentation.images import as_scene, to_bgr, to_mask
 from grasptrack.segmentation.proposals import Proposal
 from grasptrack.segmentation.regions import Segmenter
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
 from grasptrack.segmentation.several_frames import ask_more_frames
-from grasptrack.segmentation.work import check_limit_ms
 
-DEFAULT_SURE = 0.9
-"""Probability from which the first look calls a candidate sure."""
 MOSTLY = 0.75
 """Share of an outline within another one that makes it a part of that."""
 
 
 @arguments.checked(
     image=arguments.array(unbounded=True),
-    **HINT_CHECKS,
+    **FIRST_IMAGE_CHECKS,
     mask=arguments.optional(arguments.array(unbounded=True)),
     more=arguments.several,
     sure=arguments.number,
@@ -81,16 +78,32 @@ def first_look(
         ObservationError: no object, or none there.
         InputError: hints, a mask or a background that do not fit the image, a segmenter that cannot be had.
     """
-    check_sure(sure)
-    colours = to_bgr(image)
-    hints = make_hints(colours.shape[:2], object_at, not_at, box, outline, ignore, background)
-    hints = replace(hints, first_look_ms=check_limit_ms(first_look_ms))
-    scene = colours
+    said = FirstImage.of(
+        object_at,
+        not_at=not_at,
+        box=box,
+        outline=outline,
+        ignore=ignore,
+        background=background,
+        more=more,
+        sure=sure,
+        first_look_ms=first_look_ms,
+    )
+    return look_for(image, said, segmenter_for(segmenter), mask)
+
+
+def look_for(
+    image: NDArray[Any], said: FirstImage, segmenter: Segmenter | None = None, mask: NDArray[Any] | None = None
+) -> list[Candidate]:
+    """As `first_look`, with what a person says in one record, which need not fit the image.
+
+    Args and errors as of `first_look`.
+    """
+    scene = to_bgr(image)
+    said = said.within(scene.shape)
     if mask is not None:
-        scene = as_scene(to_mask(mask, colours.shape[:2], "mask"))
-        hints = replace(hints, masked=True)
-    found = find_candidates(scene, hints, segmenter_for(segmenter), more, sure)
-    return [c._replace(sure=c.probability >= sure) for c in found]
+        scene, said = as_scene(to_mask(mask, scene.shape[:2], "mask")), replace(said, masked=True)
+    return [c._replace(sure=c.probability >= said.sure) for c in find_candidates(scene, said, segmenter)]
 
 
 def segment_object(
@@ -108,37 +121,30 @@ def segment_object(
 
 def find_objects(
     image: NDArray[Any],
-    object_at: ArrayLike | None = None,
-    box: Sequence[float] | None = None,
-    ignore: NDArray[Any] | None = None,
-    mask: NDArray[Any] | None = None,
+    said: FirstImage | None = None,
     *,
-    not_at: ArrayLike | None = None,
-    outline: ArrayLike | None = None,
-    segmenter: Any = None,
-    background: NDArray[Any] | None = None,
-    number: int | None = None,
-    first_look_ms: float | None = None,
+    mask: NDArray[Any] | None = None,
+    segmenter: Segmenter | None = None,
 ) -> list[Candidate]:
     """All flat objects in an image, none within another: the one that is meant first, then the likeliest.
 
-    Args and errors as of `first_look`; `number` as of `numbered_candidate`.
+    Args:
+        image: as of `first_look`.
+        said: which object is meant.
+        mask: as of `first_look`.
+        segmenter: proposes regions beside the own search.
+
+    Raises:
+        ObservationError, InputError: as `first_look`; or there are fewer candidates than the number that was taken.
     """
-    asked: dict[str, Any] = {
-        "ignore": ignore,
-        "mask": mask,
-        "segmenter": segmenter_for(segmenter),
-        "background": background,
-        "first_look_ms": first_look_ms,
-    }
-    meant = first_look(image, object_at, not_at=not_at, box=box, outline=outline, **asked)
-    if object_at is None and box is None and outline is None:
-        return remove_nested([numbered_candidate(meant, number), *meant])
-    try:
-        others = first_look(image, **asked)
-    except ObservationError:
-        others = []
-    return remove_nested([numbered_candidate(meant, number), *others])
+    said = FirstImage() if said is None else said
+    meant = others = look_for(image, said, segmenter, mask)
+    if said.is_pointed_at:
+        try:
+            others = look_for(image, said.of_no_object(), segmenter, mask)
+        except ObservationError:
+            others = []
+    return remove_nested([numbered_candidate(meant, said.number), *others])
 
 
 def remove_nested(found: list[Candidate]) -> list[Candidate]:
@@ -171,17 +177,6 @@ def numbered_candidate(found: Sequence[Candidate], number: int | None) -> Candid
     return told_apart[-1]
 
 
-def check_sure(sure: float, what: str = "sure") -> float:
-    """The probability from which the choice of an object is sure.
-
-    Raises:
-        InputError: below 0, or 1 and more, which nothing reaches.
-    """
-    if not 0.0 <= sure < 1.0:
-        raise InputError(f"{what} is a probability, 0 or more and below 1, not {sure:g}", sure=sure)
-    return sure
-
-
 def describe_candidate(candidate: Candidate, first: Candidate) -> str:
     """How a candidate lies to the first one, for a person: "round it, 3.1 times as large", "within it", "elsewhere"."""
     times = candidate.view.outer.area / first.view.outer.area
@@ -194,32 +189,30 @@ def describe_candidate(candidate: Candidate, first: Candidate) -> str:
 
 
 def find_candidates(
-    image: NDArray[Any],
-    hints: Hints | None = None,
-    segmenter: Segmenter | None = None,
-    more: Iterable[NDArray[Any]] = (),
-    sure: float = DEFAULT_SURE,
+    image: NDArray[Any], hints: FirstImage | None = None, segmenter: Segmenter | None = None
 ) -> list[Candidate]:
-    """As `first_look`, of hints that were checked.
+    """As `first_look`, of hints that fit the image.
 
     Raises:
         ObservationError: no object, or none there.
         InputError: a segmenter's region of another size.
     """
-    hints = Hints() if hints is None else hints
+    hints = FirstImage() if hints is None else hints
     look = CandidateSearch(to_bgr(image), hints, segmenter)
     found = look.candidates()
     if not found:
         raise _no_object_error(look.meant, hints)
-    if hints.names_object or hints.masked or isinstance(segmenter, OneMask):
+    if hints.is_pointed_at or hints.masked or isinstance(segmenter, OneMask):
         return found
-    later = replace(hints, not_at=(), background=None)  # they are of the first image
-    return ask_more_frames(found, look.colours, more, lambda seen: find_candidates(seen, later, segmenter), sure)
+    later = replace(hints, not_at=(), background=None, more=())  # they are of the first image
+    return ask_more_frames(
+        found, look.colours, hints.more, lambda seen: find_candidates(seen, later, segmenter), hints.sure
+    )
 
 
-def _no_object_error(meant: list[Proposal], hints: Hints) -> ObservationError:
+def _no_object_error(meant: list[Proposal], hints: FirstImage) -> ObservationError:
     """Why there is no object."""
-    where = hints.where()
+    where = hints.place()
     tiny = max((e for p in meant if (e := max(p.silhouette.box[2:])) < MIN_EXTENT), default=0)
     if tiny >= 5:
         return ObservationError(

@@ -8,7 +8,7 @@ import numpy as np
 
 from grasptrack.errors import ContourError
 from grasptrack.geometry.contours import Contour
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 from grasptrack.segmentation.localization import Localised, localize_contour
 from grasptrack.segmentation.normalized_gradient import Planes
 from grasptrack.segmentation.silhouettes import Chain, Silhouette, trace_silhouettes

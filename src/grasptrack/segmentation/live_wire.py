@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from grasptrack import arguments
 from grasptrack.errors import InputError
+from grasptrack.images import to_bgr
 from grasptrack.segmentation.closed_edges import RECIPES, ClosedEdgeSegmenter
-from grasptrack.segmentation.images import to_bgr
 from grasptrack.segmentation.normalized_gradient import lab_planes
 from grasptrack.typing import Floats
 

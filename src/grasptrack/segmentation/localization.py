@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Contour
+from grasptrack.images import Grey
 from grasptrack.kernels.results import TraceOptions
-from grasptrack.segmentation.images import Grey
 from grasptrack.typing import Floats
 
 SPACING = 1.0

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 
 Planes = NDArray[np.float32]
 """(H, W, C): lightness, and for colour images the two chroma planes, in units of CIE Lab."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.errors import ContourError
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
+from grasptrack.images import PLAIN, Grey
 from grasptrack.segmentation.candidate import Candidate, is_plausible_object, of_one_level
 from grasptrack.segmentation.candidate_search import MIN_EXTENT
 from grasptrack.segmentation.closed_edges import Closing
-from grasptrack.segmentation.first_look import DEFAULT_SURE, find_candidates
-from grasptrack.segmentation.hints import Hints
-from grasptrack.segmentation.images import PLAIN, Grey
+from grasptrack.segmentation.first_look import find_candidates
 from grasptrack.segmentation.localization import localize_contour
 from grasptrack.segmentation.normalized_gradient import lab_planes
 from grasptrack.segmentation.places import (
@@ -92,25 +92,17 @@ class OutlineDetector:
         self._colours, grey = self._channel.look(image)
         return grey
 
-    def first(
-        self,
-        hints: Hints,
-        segmenter: Segmenter | None = None,
-        more: Iterable[NDArray[Any]] = (),
-        sure: float = DEFAULT_SURE,
-    ) -> list[Candidate]:
+    def first(self, hints: FirstImage, segmenter: Segmenter | None = None) -> list[Candidate]:
         """Objects of the image that was looked at, the likeliest first.
 
         Args:
             hints: what is known of it; `hidden` is this detector's own.
             segmenter: proposes regions beside the own search.
-            more: images that follow, asked where nothing is sure.
-            sure: probability from which a candidate is.
 
         Raises:
             ObservationError: none.
         """
-        return find_candidates(self._colours, replace(hints, hidden=self.hidden), segmenter, more, sure)
+        return find_candidates(self._colours, replace(hints, hidden=self.hidden), segmenter)
 
     def choose(self, candidate: Candidate) -> Grey:
         """Look for this object from now on. Returns its image in its mixture of colours."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import InputError, install_hint
-from grasptrack.segmentation.hints import Hints
+from grasptrack.first_image import FirstImage
 from grasptrack.segmentation.regions import Region
 from grasptrack.typing import Floats, Pixels
 
@@ -123,7 +123,7 @@ class PromptableNet:
         self._embedding: dict[str, NDArray[Any]] = {}
         self._frame = _Frame((1.0, 1.0), (SIDE, SIDE), SIDE)
 
-    def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
+    def regions(self, image: Pixels, hints: FirstImage) -> Sequence[Region]:
         """What the decoder answers to the hints, or to a grid of points where they say nothing of the object.
 
         The image is encoded once; further calls with the same pixels ask the decoder alone.
@@ -277,7 +277,7 @@ def net_of_files(what: str) -> PromptableNet:
     return PromptableNet(found[0][0], found[1][0])
 
 
-def _prompts(size: tuple[int, ...], hints: Hints) -> list[tuple[Floats, Floats]]:
+def _prompts(size: tuple[int, ...], hints: FirstImage) -> list[tuple[Floats, Floats]]:
     """Points (n, 2) px and labels (n,) of each question to the decoder."""
     height, width = size[:2]
     off = list(hints.not_at)

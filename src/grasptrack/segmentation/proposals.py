@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
+from grasptrack.images import Grey
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
-from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.rating import NONE, Rating, SilhouetteScorer
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.thresholds import candidate_thresholds

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from grasptrack.segmentation.hints import Point
 from grasptrack.segmentation.normalized_gradient import Planes
-from grasptrack.typing import Bools, Floats
+from grasptrack.typing import Bools, Floats, Point
 
 SHORT = 18.0
 """px; a shorter segment has no direction of its own."""

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
-from grasptrack.segmentation.hints import Hints
+from grasptrack.first_image import FirstImage
 from grasptrack.typing import Pixels
 
 
@@ -31,7 +31,7 @@ class Region(NamedTuple):
 class Segmenter(Protocol):
     """Proposes regions of an image. They pass through the same sub-pixel localisation as all others."""
 
-    def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
+    def regions(self, image: Pixels, hints: FirstImage) -> Sequence[Region]:
         """Regions that may be the object, the likeliest first.
 
         Args:

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
+from grasptrack.first_image import FirstImage
 from grasptrack.plugins import load_plugin, plugin_names
-from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.models import MODELS, installed_files, model_named
 from grasptrack.segmentation.promptable import PromptableNet, net_of_files
 from grasptrack.segmentation.regions import Region, Segmenter
@@ -47,7 +47,7 @@ class OneMask:
         """(H, W) nonzero on objects."""
         return np.asarray(self._segment(image))
 
-    def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
+    def regions(self, image: Pixels, hints: FirstImage) -> Sequence[Region]:
         """See Segmenter."""
         return [Region(self.segment(image))]
 
@@ -74,7 +74,7 @@ class SalientNet:
         """A copy reads the file again."""
         return SalientNet, (self.path, self.side)
 
-    def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
+    def regions(self, image: Pixels, hints: FirstImage) -> Sequence[Region]:
         """The map of the image, and that of its mirror image; a net knows nothing of hints, which choose afterwards."""
         plain, mirrored = self.saliency(image), self.saliency(image[:, ::-1])[:, ::-1]
         return [Region(plain, is_vote=True), Region(mirrored, is_vote=True)]

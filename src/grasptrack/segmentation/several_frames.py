@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import ObservationError
+from grasptrack.images import to_bgr, to_grey
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.images import to_bgr, to_grey
 from grasptrack.segmentation.registration import register_affine
 from grasptrack.typing import Floats
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.thresholds import otsu_threshold
 

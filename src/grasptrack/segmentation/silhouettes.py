@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
+from grasptrack.typing import Box
 
 Chain = NDArray[np.int32]
 
@@ -33,11 +34,23 @@ class Silhouette(NamedTuple):
         """Whether a pixel lies within the outer boundary."""
         return bool(cv2.pointPolygonTest(self.outer, (float(x), float(y)), False) >= 0)
 
+    def depth(self, x: float, y: float) -> float:
+        """px by which a pixel lies within the outer boundary, negative outside."""
+        return float(cv2.pointPolygonTest(self.outer, (float(x), float(y)), True))
+
     def ring(self, most: int) -> NDArray[np.float64]:
         """(N, 2) px, about `most` points of its outer boundary, with positive signed area."""
         chain = self.outer[:: max(1, len(self.outer) // most)]
         forward = cv2.contourArea(self.outer, oriented=True) > 0.0
         return np.ascontiguousarray(chain if forward else chain[::-1], dtype=np.float64)
+
+
+def box_iou(one: Box | tuple[int, int, int, int], other: Box) -> float:
+    """Intersection over union of two boxes."""
+    wide = min(one[0] + one[2], other[0] + other[2]) - max(one[0], other[0])
+    tall = min(one[1] + one[3], other[1] + other[3]) - max(one[1], other[1])
+    both = max(wide, 0.0) * max(tall, 0.0)
+    return both / (one[2] * one[3] + other[2] * other[3] - both)
 
 
 def trace_silhouettes(

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -16,9 +15,8 @@ from grasptrack.errors import InputError, SourceError
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.contacts import RankedGrasp
-from grasptrack.segmentation.hints import Box, Hints, make_hints
-from grasptrack.segmentation.images import to_bgr, to_mask
-from grasptrack.typing import Floats
+from grasptrack.images import to_bgr, to_mask
+from grasptrack.typing import Box, Floats
 
 if TYPE_CHECKING:
     from grasptrack.tracking.result import TrackResult
@@ -237,58 +235,3 @@ class SeenGrasp(RankedGrasp):
     def __init__(self, *args: Any, straight: Floats, **values: Any) -> None:
         super().__init__(*args, **values)
         self.straight = straight
-
-
-class Told(NamedTuple):
-    """What the user specified in the first image.
-
-    Attributes:
-        contacts: (k, 2) px, or None.
-        object_at, not_at: (x, y) px or several of them, on the object and beside it, or None.
-        box: left, top, width and height in px, or None.
-        outline: (n, 2) px of a rough polygon round the object, or None.
-        ignore: (H, W) nonzero where nothing belongs to the scene, or None.
-        background: an image of the same bench without the object, or None.
-    """
-
-    contacts: Floats | None = None
-    object_at: ArrayLike | None = None
-    not_at: ArrayLike | None = None
-    box: Box | None = None
-    outline: ArrayLike | None = None
-    ignore: NDArray[Any] | None = None
-    background: NDArray[Any] | None = None
-
-    def straight(self, lens: Undistortion) -> Told:
-        """The same for the straight image.
-
-        Raises:
-            InputError: a mask or background of another size.
-        """
-
-        def moved(points: ArrayLike | None) -> Floats | None:
-            return None if points is None else lens.points(np.atleast_2d(np.asarray(points, dtype=np.float64)))
-
-        return Told(
-            moved(self.contacts),
-            moved(self.object_at),
-            moved(self.not_at),
-            None if self.box is None else lens.box(self.box),
-            moved(self.outline),
-            lens.ignored(self.ignore),
-            None if self.background is None else self._straight_background(self.background, lens),
-        )
-
-    @staticmethod
-    def _straight_background(background: NDArray[Any], lens: Undistortion) -> NDArray[np.uint8]:
-        width, height = lens.size
-        empty = make_hints((height, width), background=background).background  # says so where it is of another size
-        return lens.image(background if empty is None else empty)
-
-    def hints(self, shape: Sequence[int]) -> Hints:
-        """As the first look takes them, of an image of (height, width).
-
-        Raises:
-            InputError: they do not fit the image.
-        """
-        return make_hints(shape, self.object_at, self.not_at, self.box, self.outline, self.ignore, self.background)

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import math
 
-from grasptrack.errors import InputError
-
 PREPARED, GRADIENTS = 8.0, 35.0
 """ms for each million px: of the image in its colours' planes, and of the reduced image in gradients."""
 THRESHOLD, CLOSING = 2.5, 4.5
@@ -43,14 +41,3 @@ class Work:
     def allows(self, ms: float, share: float = 1.0) -> bool:
         """Whether a step fits within a share of the bound."""
         return self.spent_ms + ms <= share * self.limit_ms
-
-
-def check_limit_ms(limit_ms: float | None, what: str = "first_look_ms") -> float | None:
-    """The bound of a first look, ms, or None.
-
-    Raises:
-        InputError: not above 0.
-    """
-    if limit_ms is not None and not 0.0 < limit_ms < math.inf:
-        raise InputError(f"{what} is a number of ms above 0, not {limit_ms:g}", limit_ms=limit_ms)
-    return limit_ms

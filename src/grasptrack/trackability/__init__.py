@@ -12,14 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import arguments, kernels
 from grasptrack.errors import InputError
+from grasptrack.first_image import FIRST_IMAGE_CHECKS, FirstImage
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.closure_probability import chance_of_closing
 from grasptrack.grasp.contact_regions import regions_of
-from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, analyze
 from grasptrack.grasp.hand import Hand
-from grasptrack.segmentation.hints import HINT_CHECKS
-from grasptrack.segmentation.images import PLAIN
+from grasptrack.images import PLAIN
 from grasptrack.segmentation.segmenters import segmenter_for
 from grasptrack.statistics import robust_sd
 from grasptrack.trackability.appearance import Edges, Relief, edge_direction_noise, edges_of, gradient_statistics
@@ -70,7 +69,7 @@ __all__ = ["Reason", "Suitability", "inspect", "inspect_scene"]
     grasp=arguments.optional(arguments.array(unbounded=True)),
     fingers=arguments.whole,
     friction=arguments.number,
-    **HINT_CHECKS,
+    **FIRST_IMAGE_CHECKS,
     mask=arguments.optional(arguments.array(unbounded=True)),
     hand=arguments.optional(arguments.instance(Hand)),
     strategy=arguments.text,
@@ -138,25 +137,20 @@ def inspect(
     asked = GraspTracker(
         fingers=fingers, strategy=strategy, friction=friction, grasp=grasp, object_at=object_at, box=box, risk=risk
     )
-    given = None if grasp is None else Grasp(grasp)
     if runs < 1:
         raise InputError(f"at least 1 run must be drawn, not {runs}", runs=runs)
-    wish = Wish(
-        asked.fingers,
-        strategy,
-        friction,
-        given,
+    said = FirstImage.of(
         object_at,
-        box,
-        hand,
-        ignore=ignore,
         not_at=not_at,
+        box=box,
         outline=outline,
-        segmenter=segmenter_for(segmenter),
-        background=background,
+        grasp=grasp,
         number=number,
+        ignore=ignore,
+        background=background,
         first_look_ms=first_look_ms,
     )
+    wish = Wish(said, asked.fingers, strategy, friction, hand, segmenter=segmenter_for(segmenter))
     return _assess(first_view(image, mask, wish, risk, focal), strategy, friction, risk, focal, runs)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.equality import compared_by_value
 from grasptrack.geometry.contours import View
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 from grasptrack.statistics import MAD_TO_SD, lower_median, robust_sd
 from grasptrack.typing import Bools, Floats
 

@@ -3,21 +3,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import ObservationError
+from grasptrack.first_image import FirstImage
 from grasptrack.grasp.contacts import Grasp
+from grasptrack.images import Grey, to_bgr
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.first_look import distinct_candidates
-from grasptrack.segmentation.hints import Hints
-from grasptrack.segmentation.images import Grey, to_bgr
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.tracking import initialization
 from grasptrack.tracking.camera import Beforehand
-from grasptrack.tracking.initialization import FirstScene, Wish, hidden_mask, image_size, mask_as_scene, start_tracking
+from grasptrack.tracking.initialization import FirstScene, Wish, image_size, mask_as_scene, start_tracking
 from grasptrack.tracking.strategies import Carrier
 
 
@@ -69,7 +70,8 @@ def first_view(
         GraspError: given contacts that are not on an object.
     """
     shape = image_size(image)
-    observer = OutlineDetector(hidden_mask(wish.ignore, shape))
+    wish = replace(wish, said=wish.said.within(shape))
+    observer = OutlineDetector(wish.said.hidden)
     colours = to_bgr(image) if mask is None else mask_as_scene(mask, shape)
     observer.look(colours)
     chosen = initialization.first_view(observer, wish, mask is not None)
@@ -82,7 +84,7 @@ def first_view_of(scene: FirstScene) -> FirstView:
     Raises:
         ObservationError: no object.
     """
-    observer = OutlineDetector(hidden_mask(scene.wish.ignore, image_size(scene.colours)))
+    observer = OutlineDetector(scene.wish.said.hidden)
     observer.look(scene.colours)
     return _start(scene, observer)
 
@@ -94,11 +96,9 @@ def _start(scene: FirstScene, observer: OutlineDetector) -> FirstView:
     if candidate is None:
         raise ObservationError(reason)
     grey, found = observer.choose(candidate), chosen.found
-    if (
-        wish.object_at is not None or wish.box is not None or wish.outline is not None
-    ):  # only one place in the image was looked at
+    if wish.said.is_pointed_at:  # only one place in the image was looked at
         try:
-            found = observer.first(Hints(masked=masked))
+            found = observer.first(FirstImage(masked=masked))
         except ObservationError:
             found = []
     others = initialization.other_objects(found, candidate)

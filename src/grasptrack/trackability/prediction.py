@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 from grasptrack.trackability.first import FirstView
 from grasptrack.trackability.synthetic_view import Setting, Stage, Step, draw_run
 from grasptrack.tracking.decision import Decision

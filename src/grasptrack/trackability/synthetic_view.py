@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.segmentation.images import Channel, Grey
+from grasptrack.images import Channel, Grey
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.typing import Floats
 

@@ -8,27 +8,25 @@ estimator makes each exact, and its decision says which is believed.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import AmbiguousError, GraspTrackError, ObservationError, TransferError
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, normalize_homography, rotation_at
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import GraspAnalysis, analyze
+from grasptrack.images import PLAIN, Grey, to_bgr
 from grasptrack.matching import Match, MatchOutcome, Sampled, find_symmetries, judge_hypotheses, match_outlines
 from grasptrack.segmentation.candidate import Candidate, contains_pixel
 from grasptrack.segmentation.first_look import find_candidates
-from grasptrack.segmentation.hints import make_hints
-from grasptrack.segmentation.images import PLAIN, Grey, to_bgr
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import Decision, check_strategy_contacts, max_contact_distance, texture_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
 from grasptrack.tracking.follower import REGISTRATION
-from grasptrack.tracking.initialization import hidden_mask, image_size
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.redetection import Keypoints
@@ -119,8 +117,7 @@ def transfer_between_images(
     first: NDArray[Any],
     second: NDArray[Any],
     friction: float,
-    object_at: tuple[float, float] | None = None,
-    ignore: NDArray[Any] | None = None,
+    said: FirstImage | None = None,
     risk: float = DEFAULT_RISK,
     focal: Beforehand | None = None,
 ) -> Pair:
@@ -134,8 +131,7 @@ def transfer_between_images(
         grasp, reference: in the first image.
         first, second: the images.
         friction: Coulomb coefficient.
-        object_at: (x, y) px of the object in the second image.
-        ignore: (H, W) nonzero where nothing belongs to either scene.
+        said: of the second image: pixels on the object, and what belongs to neither scene.
         risk: probability, between 0 and 1, below which an answer may be wrong.
         focal: what is known of the first image's camera beforehand, as for `Plane`.
 
@@ -147,12 +143,12 @@ def transfer_between_images(
     """
     numbers = NUMBERS.with_risk(risk)
     before, colours = to_bgr(first), to_bgr(second)
-    hidden = hidden_mask(ignore, image_size(colours))
+    said = (said or FirstImage()).within(colours.shape)
     outline = Sampled(reference)
     try:
-        found, ways, told = _by_outline(colours, outline, object_at, hidden)
+        found, ways, told = _by_outline(colours, outline, said)
     except (ObservationError, TransferError) as problem:
-        scene = _Scene(grasp, reference, before, colours, None, friction, hidden, object_at, numbers, focal)
+        scene = _Scene(grasp, reference, before, colours, None, friction, said, numbers, focal)
         decision = scene.decided(scene.by_keypoints())
         if not decision.accepted:
             raise problem from None
@@ -160,7 +156,7 @@ def transfer_between_images(
     assert told.best is not None
     alike = [told.best, *told.others]
     worse = [m for m in ways if not any(m is known for known in alike)]
-    scene = _Scene(grasp, reference, before, colours, found, friction, hidden, object_at, numbers, focal)
+    scene = _Scene(grasp, reference, before, colours, found, friction, said, numbers, focal)
     made = [(m, e) for m in alike if (e := scene.by_match(m)) is not None]
     by_worse = [scene.by_match(m) for m in worse]
     every = [*(e for _, e in made), *by_worse, *scene.by_keypoints()]
@@ -183,7 +179,7 @@ def transfer_between_images(
 
 
 def _by_outline(
-    colours: NDArray[np.uint8], outline: Sampled, object_at: tuple[float, float] | None, hidden: Grey | None
+    colours: NDArray[np.uint8], outline: Sampled, said: FirstImage
 ) -> tuple[Candidate, list[Match], MatchOutcome]:
     """The object of an image that an outline fits best, the ways in which it does, and what they amount to.
 
@@ -193,9 +189,7 @@ def _by_outline(
     """
     if find_symmetries(outline).continuous:
         raise AmbiguousError("the outline fits itself in every turn: nothing tells how far it turned")
-    found, ways = _most_alike(
-        find_candidates(colours, replace(make_hints(colours.shape, object_at), hidden=hidden)), outline
-    )
+    found, ways = _most_alike(find_candidates(colours, said), outline)
     told = judge_hypotheses(ways)
     if told.best is None:
         raise TransferError(f"no object with this outline was found: {told.reason}")
@@ -213,19 +207,18 @@ class _Scene:
         second: NDArray[np.uint8],
         found: Candidate | None,
         friction: float,
-        hidden: Grey | None,
-        object_at: tuple[float, float] | None,
+        said: FirstImage,
         numbers: Numbers,
         focal: Beforehand | None,
     ) -> None:
         self._numbers, self._strict = numbers, NUMBERS.learning(numbers.risk)
-        self._grasp, self._view, self._friction, self._object_at = grasp, reference, friction, object_at
+        self._grasp, self._view, self._friction, self._said = grasp, reference, friction, said
         self._found = found
         channel = PLAIN if found is None else found.channel
         self._first, self._second = channel.grey(first), channel.grey(second)
         before, self._levels = build_pyramid(self._first), build_pyramid(self._second)
-        same_size = hidden is not None and hidden.shape == self._first.shape
-        self.target = make_target(before, reference, grasp.contacts, NUMBERS, hidden if same_size else None)
+        same_size = said.hidden is not None and said.hidden.shape == self._first.shape
+        self.target = make_target(before, reference, grasp.contacts, NUMBERS, said.hidden if same_size else None)
         self._state = first_state(self.target, before, NUMBERS, focal)
         self._standing: list[PoseEstimate] = []
 
@@ -245,11 +238,9 @@ class _Scene:
         return [own, *(self._refine_hypothesis(way) for way in turned_hypotheses(self.target, own, NUMBERS))]
 
     def _covers_given_pixel(self, estimate: PoseEstimate) -> bool:
-        """Whether an estimate covers the pixel of the object that was given, if any was."""
-        if self._object_at is None:
-            return True
+        """Whether an estimate covers the pixels of the object that were given, if any were."""
         H = self.target.homography(estimate.G)
-        return contains_pixel(self._view.transformed(H), *self._object_at)
+        return all(contains_pixel(self._view.transformed(H), *at) for at in self._said.object_at)
 
     def _refine_hypothesis(self, hypothesis: Hypothesis) -> PoseEstimate | None:
         return single_estimate(self.target, self._state, self._levels, hypothesis, NUMBERS)

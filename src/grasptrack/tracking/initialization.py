@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from grasptrack.errors import (
     ConditioningError,
@@ -19,19 +19,18 @@ from grasptrack.errors import (
     StrategyError,
     TransferError,
 )
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, ON_OUTLINE
 from grasptrack.grasp.hand import Hand
 from grasptrack.grasp.synthesis import synthesize
+from grasptrack.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.first_look import DEFAULT_SURE, numbered_candidate, remove_nested
-from grasptrack.segmentation.hints import Box, dilate_mask
-from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_mask
+from grasptrack.segmentation.first_look import numbered_candidate, remove_nested
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.regions import Segmenter
-from grasptrack.segmentation.undistortion import Told, Undistortion
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.messages import Reason
@@ -53,83 +52,32 @@ class Wish:
     """What is asked of the first view.
 
     Attributes:
+        said: what a person says of it.
         fingers: number of contacts.
         strategy: that will carry the grasp.
         friction: Coulomb coefficient.
-        grasp: contacts that are given, in the place of synthesis.
-        object_at: (x, y) px of the object, or several.
-        box: left, top, width and height of it, px.
         hand: that a synthesised grasp must suit.
         choose: the user's choice in the place of synthesis.
-        ignore: (H, W) nonzero where nothing belongs to the scene.
+        segmenter: proposes regions beside the own search.
         before: the outline that the object had in the image before, where it needs another grasp.
         plane: tells of an outline the homography (3, 3) from px to its own plane, in which a grasp is to be chosen; None where
             nothing is known but that the view may be frontal.
-        not_at: (x, y) px, or several, beside the object.
-        outline: (n, 2) px of a rough polygon round it.
-        segmenter: proposes regions beside the own search.
-        background: an image of the same bench without the object.
-        more: images that follow the first, asked where the choice of the object is not sure.
-        sure: probability from which it is.
-        first_look_ms: work that the search for the object may do; None is no bound.
-        number: of the candidate that a person took, 1 being the likeliest; None takes that one, but nobody has said so.
     """
 
+    said: FirstImage
     fingers: int = 2
     strategy: str = AUTO
     friction: float = DEFAULT_FRICTION
-    grasp: Grasp | None = None
-    object_at: ArrayLike | None = None
-    box: Box | None = None
     hand: Hand | None = None
     choose: Callable[[View], Sequence[Grasp]] | None = None
-    ignore: NDArray[Any] | None = None
+    segmenter: Segmenter | None = None
     before: View | None = None
     plane: Callable[[View], Floats] | None = None
-    not_at: ArrayLike | None = None
-    outline: ArrayLike | None = None
-    segmenter: Segmenter | None = None
-    background: NDArray[Any] | None = None
-    more: Iterable[NDArray[Any]] = ()
-    sure: float = DEFAULT_SURE
-    first_look_ms: float | None = None
-    number: int | None = None
-
-    @property
-    def told(self) -> Told:
-        """What says which object is meant."""
-        contacts = None if self.grasp is None else self.grasp.contacts
-        return Told(contacts, self.object_at, self.not_at, self.box, self.outline, self.ignore, self.background)
-
-    @property
-    def names_object(self) -> bool:
-        """Whether a person said which object is meant."""
-        told = (self.grasp, self.object_at, self.box, self.outline, self.number)
-        return any(word is not None for word in told)
-
-    def straight(self, lens: Undistortion) -> Wish:
-        """The same, of the image without its lens's distortion.
-
-        Raises:
-            InputError: a mask of another size.
-        """
-        told = self.told.straight(lens)
-        return replace(
-            self,
-            grasp=None if told.contacts is None else Grasp(told.contacts),
-            object_at=told.object_at,
-            not_at=told.not_at,
-            box=told.box,
-            outline=told.outline,
-            ignore=told.ignore,
-            background=told.background,
-            more=(lens.image(image) for image in self.more),
-        )
 
     def again(self, view: View, plane: Callable[[View], Floats]) -> Wish:
         """Another grasp on the object that has this outline, chosen in its plane."""
-        alone = replace(self, object_at=None, not_at=None, box=None, outline=None, background=None, number=None)
-        return replace(alone, grasp=None, before=view, plane=plane)
+        said = replace(self.said.of_no_object(), background=None)
+        return replace(self, said=said, before=view, plane=plane)
 
 
 class FirstView(NamedTuple):
@@ -153,20 +101,14 @@ def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView
 
     Args:
         observer: of the image.
-        wish: what is asked of it.
+        wish: what is asked of it; what is said fits the image.
         masked: the image is a softened mask.
 
     Raises:
         GraspError: given contacts that are not on an object, or a choice with another number of fingers.
     """
     try:
-        hints = wish.told._replace(ignore=None).hints(observer.size)  # the observer knows what is hidden
-        found = observer.first(
-            replace(hints, masked=masked, first_look_ms=wish.first_look_ms),
-            None if masked else wish.segmenter,
-            wish.more,
-            wish.sure,
-        )
+        found = observer.first(replace(wish.said, masked=masked), None if masked else wish.segmenter)
     except ObservationError as error:
         return FirstView(None, [], Reason("no-object", detail=str(error)), [])
     candidate = _choose_candidate(found, wish)
@@ -245,15 +187,6 @@ def image_size(image: NDArray[Any]) -> tuple[int, int]:
     return height, width
 
 
-def hidden_mask(ignore: NDArray[Any] | None, shape: tuple[int, int]) -> Grey | None:
-    """(H, W) nonzero where nothing belongs to the scene, with some room, of a mask as the user gives it; None without.
-
-    Raises:
-        InputError: a mask of another size.
-    """
-    return None if ignore is None else dilate_mask(to_mask(ignore, shape, "ignore mask"))
-
-
 def mask_as_scene(mask: NDArray[Any], shape: tuple[int, int]) -> Grey:
     """(H, W) the user's segmentation of an image, softened: it takes the image's place.
 
@@ -265,17 +198,17 @@ def mask_as_scene(mask: NDArray[Any], shape: tuple[int, int]) -> Grey:
 
 def _choose_candidate(found: list[Candidate], wish: Wish) -> Candidate | None:
     """The given contacts' object, the one whose grasp was refused, or the most outstanding."""
-    if wish.grasp is not None:
-        return object_at_contacts(found, wish.grasp)
+    if wish.said.grasp is not None:
+        return object_at_contacts(found, wish.said.grasp)
     if wish.before is not None:
         return object_at_outline(found, wish.before)
-    return numbered_candidate(found, wish.number)
+    return numbered_candidate(found, wish.said.number)
 
 
 def _choose_grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> tuple[list[Grasp], str]:
     """Grasps on an object, and why there is none."""
-    if wish.grasp is not None:
-        return [wish.grasp.snapped(candidate.view)], ""
+    if wish.said.grasp is not None:
+        return [wish.said.grasp.snapped(candidate.view)], ""
     if wish.choose is not None:
         chosen = list(wish.choose(candidate.view))
         if any(len(grasp) != wish.fingers for grasp in chosen):

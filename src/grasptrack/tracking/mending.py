@@ -15,12 +15,12 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.errors import ObservationError
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import LEAST_SPREAD
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.first_look import find_candidates
-from grasptrack.segmentation.hints import Hints
 from grasptrack.statistics import robust_sd
 from grasptrack.tracking.decision import Decision, surface_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
@@ -176,7 +176,7 @@ class Mender:
         shown = as_grey(np.round(np.asarray(np.median(np.array(seen), axis=0))))
         hidden = None if self._hidden is None else np.ascontiguousarray(self._hidden[y0:y1, x0:x1])
         try:
-            found = find_candidates(shown, Hints(hidden=hidden))
+            found = find_candidates(shown, FirstImage(hidden=hidden))
         except ObservationError:
             return None
         edges = apply_homography(target.A, target.points[self._agreed]) - shift

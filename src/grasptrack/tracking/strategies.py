@@ -15,7 +15,7 @@ from grasptrack.errors import ConditioningError, ObservationError, TransferError
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.segmentation.images import Grey
+from grasptrack.images import Grey
 from grasptrack.segmentation.outline_detector import ANYWHERE, OutlineDetector
 from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.camera import Beforehand

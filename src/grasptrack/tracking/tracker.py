@@ -16,20 +16,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import arguments, kernels
 from grasptrack.errors import ConditioningError, GraspError, InputError, SourceError, StrategyError
+from grasptrack.first_image import DEFAULT_SURE, FIRST_IMAGE_CHECKS, FirstImage
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.closure_probability import CHANCE, ClosureCheck, Judgement
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
 from grasptrack.grasp.hand import Hand
+from grasptrack.images import Grey
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.first_look import DEFAULT_SURE, check_sure, distinct_candidates
-from grasptrack.segmentation.hints import HINT_CHECKS
-from grasptrack.segmentation.images import Grey
+from grasptrack.segmentation.first_look import distinct_candidates
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
 from grasptrack.segmentation.undistortion import Undistortion
-from grasptrack.segmentation.work import check_limit_ms
 from grasptrack.tracking.camera import Beforehand, rectifying_view
 from grasptrack.tracking.decision import contact_tolerance
 from grasptrack.tracking.estimator import PoseEstimate
@@ -38,7 +37,6 @@ from grasptrack.tracking.initialization import (
     FirstScene,
     Wish,
     first_view,
-    hidden_mask,
     image_size,
     mask_as_scene,
     start_tracking,
@@ -144,7 +142,7 @@ class GraspTracker:
         strategy=arguments.text,
         friction=arguments.number,
         grasp=arguments.optional(arguments.array(unbounded=True)),
-        **HINT_CHECKS,
+        **FIRST_IMAGE_CHECKS,
         hand=arguments.optional(arguments.instance(Hand)),
         choose=arguments.optional(arguments.function),
         camera=arguments.optional(arguments.instance(Camera)),
@@ -181,7 +179,7 @@ class GraspTracker:
         sure: float = DEFAULT_SURE,
         first_look_ms: float | None = None,
     ) -> None:
-        given = None if grasp is None else Grasp(grasp)
+        given = None if grasp is None else Grasp(grasp)  # before the number of fingers, which it sets
         self.fingers = _checked_fingers(fingers if given is None else len(given), strategy, given)
         check_friction(friction)
         if object_at is not None and box is not None:
@@ -190,31 +188,24 @@ class GraspTracker:
             raise InputError("a grasp and a choice of one both say which grasp is meant: give one of them")
         if length is not None and not 0.0 < length < math.inf:
             raise InputError(f"the object's length must be a positive number, not {length:g}", length=length)
-        if number is not None and number < 1:
-            raise InputError(f"number counts candidates from 1, not {number}", number=number)
         self.length = length
         self.strategy, self.friction, self.risk = strategy, friction, check_risk(risk)
         regions = segmenter_for(segmenter)
         self._masks = regions if isinstance(regions, OneMask) else None
-        self._wish = Wish(
-            self.fingers,
-            strategy,
-            friction,
-            given,
+        said = FirstImage.of(
             object_at,
-            box,
-            hand,
-            choose,
-            ignore,
             not_at=not_at,
+            box=box,
             outline=outline,
-            segmenter=regions,
+            grasp=grasp,
+            number=number,
+            ignore=ignore,
             background=background,
             more=more,
-            sure=check_sure(sure),
-            first_look_ms=check_limit_ms(first_look_ms),
-            number=number,
+            sure=sure,
+            first_look_ms=first_look_ms,
         )
+        self._wish = Wish(said, self.fingers, strategy, friction, hand, choose, regions)
         self._resynthesize, self._camera = resynthesize, camera
         self._lens: Undistortion | None = None
         self._shape: tuple[int, ...] | None = None
@@ -302,14 +293,14 @@ class GraspTracker:
         before, self._plane = self._beforehand(), None
         wish = replace(self._wish, friction=self.friction)
         first = first_view(self._observer, wish, masked)
-        self._wish = replace(self._wish, plane=None, more=())  # later they would lie otherwise
+        self._wish = replace(self._wish, plane=None, said=replace(wish.said, more=()))  # later they would lie otherwise
         self.candidates = self._seen_candidates(first.found)
         candidate, reason = first.candidate, first.reason
         if candidate is None:
             return _make_result(moment, "searching", reason)
         self._scene = FirstScene(self._observer.colours, masked, first, wish, self.strategy, self.risk, before)
         if self._wish.before is None:
-            self.object_sure = masked or self._wish.names_object or candidate.probability >= self._wish.sure
+            self.object_sure = masked or wish.said.names_object or candidate.probability >= wish.said.sure
         grey = self._observer.choose(candidate)
         start = start_tracking(first, self.strategy, grey, self._observer, moment.time, self.risk, before)
         if start.carrier is None or start.grasp is None:
@@ -405,8 +396,10 @@ class GraspTracker:
         """The image, or the mask in its place, as everything that follows sees it."""
         if self._camera is not None:
             image, mask = self._straight(image, mask, self._camera)
-        if self._wish.ignore is not None and self._frame < 0:
-            self._observer = OutlineDetector(hidden_mask(self._wish.ignore, image_size(image)))
+        said = self._wish.said
+        if self._frame < 0:
+            said = said.within(image_size(image))
+            self._observer = OutlineDetector(said.hidden)
         grey = self._observer.look(image if mask is None else mask_as_scene(mask, image_size(image)))
         self._shape = self._shape or grey.shape
         if grey.shape != self._shape:
@@ -416,7 +409,7 @@ class GraspTracker:
                 f"{first_width}x{first_height}; all must have one size",
                 shape=grey.shape,
             )
-        self._frame += 1
+        self._frame, self._wish = self._frame + 1, replace(self._wish, said=said)
         return grey
 
     def _beforehand(self) -> Beforehand | None:
@@ -438,7 +431,7 @@ class GraspTracker:
         if self._lens is None:
             height, width = image_size(image)
             self._lens = Undistortion(camera, width, height)
-            self._wish = self._wish.straight(self._lens)
+            self._wish = replace(self._wish, said=self._wish.said.straight(self._lens))
         return self._lens.image(image), None if mask is None else self._lens.mask(mask)
 
 

@@ -24,7 +24,7 @@ DARK = (22, 26, 33)
 
 def draw_candidates(image: NDArray[Any], candidates: Sequence[Candidate]) -> Pixels:
     """The image (H, W, 3) BGR with the outlines of up to three candidates and their numbers, 1 being the likeliest."""
-    from grasptrack.segmentation.images import to_bgr
+    from grasptrack.images import to_bgr
 
     seen = to_bgr(image)
     picture = np.array(seen if seen.ndim == 3 else cv2.cvtColor(seen, cv2.COLOR_GRAY2BGR), dtype=np.uint8)

@@ -37,5 +37,5 @@ def tracking_options(asked: Mapping[str, Any]) -> str:
 
 def points_text(points: Iterable[Iterable[float]] | None) -> str | None:
     """Pixels as options take them, "x,y x,y", with all digits; None for none."""
-    pairs = [",".join(repr(float(v)) for v in point) for point in points or ()]
+    pairs = [",".join(repr(float(v)) for v in point) for point in (() if points is None else points)]
     return " ".join(pairs) or None

@@ -112,6 +112,11 @@ def to_mask(mask: NDArray[Any], shape: tuple[int, ...], what: str) -> Grey:
     return np.where(array != 0, np.uint8(255), np.uint8(0))
 
 
+def with_room(mask: Grey) -> Grey:
+    """A mask and two pixels round it: beside what is hidden, edges are its own."""
+    return np.asarray(cv2.dilate(mask, np.ones((5, 5), np.uint8)), dtype=np.uint8)
+
+
 def as_scene(mask: Grey) -> Grey:
     """A mask as an image of a white object on black, its steps softened, for everything that reads images."""
     return np.asarray(cv2.GaussianBlur(mask, (5, 5), 1.0), dtype=np.uint8)

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a person says of the first image: one record, checked once, for the tracker, the command line and the page alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasptrack import arguments
+from grasptrack.equality import compared_by_value
+from grasptrack.errors import InputError
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.images import Grey, to_bgr, to_mask, with_room
+from grasptrack.typing import Box, Floats, Point
+
+DEFAULT_SURE = 0.9
+"""Probability from which the choice of an object is called sure."""
+FIRST_IMAGE_CHECKS = dict.fromkeys(
+    ("object_at", "not_at", "box", "outline", "ignore", "background"),
+    arguments.optional(arguments.array(unbounded=True)),
+)
+"""Types of what a person may say, by the names that public functions give it; `FirstImage` checks the values."""
+
+
+class Lens(Protocol):
+    """Takes points, masks and images of a camera to the image without its lens's distortion; see `Undistortion`."""
+
+    size: tuple[int, int]
+
+    def points(self, seen: ArrayLike) -> Floats:
+        """Points (k, 2) px."""
+        ...
+
+    def box(self, box: Box) -> Box:
+        """The box round a box."""
+        ...
+
+    def image(self, image: NDArray[Any]) -> NDArray[np.uint8]:
+        """An image."""
+        ...
+
+    def ignored(self, mask: NDArray[Any] | None) -> NDArray[Any] | None:
+        """The user's mask of pixels to ignore, and what lies outside the camera's image."""
+        ...
+
+
+@compared_by_value
+@dataclass(frozen=True, eq=False)
+class FirstImage:
+    """Everything that is known of the first image beside the image, in px of it.
+
+    `FirstImage.of` makes one of what users write, `straight` and `within` fit it to an image.
+
+    Attributes:
+        object_at: (x, y) px each, all on the object.
+        not_at: (x, y) px each, none on the object.
+        box: left, top, width and height of the object, px.
+        outline: (n, 2) px of a rough polygon round the object, or None.
+        grasp: contacts that are given; they choose the object.
+        number: of the candidate that a person took, 1 being the likeliest; None takes that one, but nobody has said so.
+        ignore: (H, W) nonzero where nothing belongs to the scene, as the user gave it, or None.
+        hidden: (H, W) 255 where nothing belongs to the scene, with two px of room, or None; `within` makes it of `ignore`.
+        background: (H, W) or BGR (H, W, 3) the same bench without the object, or None.
+        masked: the image is a softened mask, in which objects are white and nothing else is meant.
+        more: images that follow the first, asked where the choice of the object is not sure.
+        sure: probability from which it is.
+        first_look_ms: work that the search for the object may do, see `segmentation.work`; None is no bound.
+    """
+
+    object_at: tuple[Point, ...] = ()
+    not_at: tuple[Point, ...] = ()
+    box: Box | None = None
+    outline: Floats | None = None
+    grasp: Grasp | None = None
+    number: int | None = None
+    ignore: NDArray[Any] | None = None
+    hidden: Grey | None = None
+    background: NDArray[np.uint8] | None = None
+    masked: bool = False
+    more: Iterable[NDArray[Any]] = field(default=(), compare=False)
+    sure: float = DEFAULT_SURE
+    first_look_ms: float | None = None
+
+    @classmethod
+    def of(
+        cls,
+        object_at: ArrayLike | None = None,
+        *,
+        not_at: ArrayLike | None = None,
+        box: ArrayLike | None = None,
+        outline: ArrayLike | None = None,
+        grasp: ArrayLike | None = None,
+        **given: Any,
+    ) -> FirstImage:
+        """The record of what users write, checked as far as that is possible without the image.
+
+        Args:
+            object_at, not_at: (x, y) px, or several such.
+            box: left, top, width and height, px.
+            outline: (n, 2) px, n >= 3.
+            grasp: (k, 2) px of contacts, k >= 2.
+            **given: the other attributes.
+
+        Raises:
+            InputError: no pixels, a box or an outline without area, a number below 1, a probability out of range, or a bound
+                of the work that is not above 0.
+            GraspError: contacts that are none.
+        """
+        said = cls(
+            _points(object_at, "object_at"),
+            _points(not_at, "not_at"),
+            None if box is None else _box(box),
+            None if outline is None else _polygon(outline),
+            None if grasp is None else Grasp(grasp),
+            **given,
+        )
+        if said.number is not None and said.number < 1:
+            raise InputError(f"number counts candidates from 1, not {said.number}", number=said.number)
+        if not 0.0 <= said.sure < 1.0:
+            raise InputError(f"sure is a probability, 0 or more and below 1, not {said.sure:g}", sure=said.sure)
+        limit_ms = said.first_look_ms
+        if limit_ms is not None and not 0.0 < limit_ms < math.inf:
+            raise InputError(f"first_look_ms is a number of ms above 0, not {limit_ms:g}", limit_ms=limit_ms)
+        return said
+
+    # --- what it says ----------------------------------------------------------------------------
+
+    @property
+    def is_pointed_at(self) -> bool:
+        """Whether a place in the image says which object is meant."""
+        return bool(self.object_at) or self.box is not None or self.outline is not None
+
+    @property
+    def names_object(self) -> bool:
+        """Whether anything says which object is meant: a place, contacts, or a candidate that was taken."""
+        return self.is_pointed_at or self.grasp is not None or self.number is not None
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether it leaves no choice of the object: its outline, its contacts, or a candidate."""
+        return self.outline is not None or self.grasp is not None or self.number is not None
+
+    @property
+    def says_anything(self) -> bool:
+        """Whether a person said anything of the object."""
+        return self.names_object or bool(self.not_at)
+
+    def place(self) -> str:
+        """The place in words, for messages: " at 10,20", " in the box", or empty."""
+        if self.object_at:
+            return " at " + " and ".join(f"{x:g},{y:g}" for x, y in self.object_at)
+        return " in the box" if self.box is not None else ""
+
+    def arguments(self) -> dict[str, Any]:
+        """What was given, by the names of the parameters of `GraspTracker`."""
+        nothing = FirstImage()
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        told = {name: value for name, value in given.items() if value is not getattr(nothing, name)}
+        return {**told, "grasp": self.grasp.contacts} if self.grasp is not None else told
+
+    # --- what becomes of it ----------------------------------------------------------------------
+
+    def of_no_object(self) -> FirstImage:
+        """Without what says which object is meant; what is ignored, the background and the search's bounds stay."""
+        return replace(self, object_at=(), not_at=(), box=None, outline=None, grasp=None, number=None)
+
+    def with_pixel(self, at: Point, on: bool) -> FirstImage:
+        """A pixel more. One on the object takes the place of a box, an outline or contacts."""
+        if on:
+            return replace(self.of_no_object(), object_at=(*self.object_at, at), not_at=self.not_at)
+        return replace(self, not_at=(*self.not_at, at), number=None, grasp=None)
+
+    def straight(self, lens: Lens) -> FirstImage:
+        """The same of the image without its lens's distortion.
+
+        Raises:
+            InputError: a mask or background of another size.
+            SourceError: a background that is no image.
+        """
+
+        def moved(points: tuple[Point, ...]) -> tuple[Point, ...]:
+            return _points(lens.points(np.array(points)), "a pixel") if points else ()
+
+        width, height = lens.size
+        return replace(
+            self,
+            object_at=moved(self.object_at),
+            not_at=moved(self.not_at),
+            box=None if self.box is None else lens.box(self.box),
+            outline=None if self.outline is None else lens.points(self.outline),
+            grasp=None if self.grasp is None else Grasp(lens.points(self.grasp.contacts)),
+            ignore=lens.ignored(self.ignore),
+            background=None if self.background is None else lens.image(_sized(self.background, width, height)),
+            more=() if isinstance(self.more, tuple) and not self.more else (lens.image(image) for image in self.more),
+        )
+
+    def within(self, shape: tuple[int, ...]) -> FirstImage:
+        """The same for an image of this shape: boxes end at its border, masks and background are as the search takes them.
+
+        Raises:
+            InputError: a pixel, box or outline outside the image, a mask or background of another size.
+            SourceError: a background that is no image.
+        """
+        height, width = shape[:2]
+        whose = f"outside the image, which is {width}x{height} px"
+        for name, points in (("object_at", self.object_at), ("not_at", self.not_at)):
+            for x, y in points:
+                if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
+                    raise InputError(f"{name} {x:g},{y:g} is {whose}", place=(x, y))
+        box, hidden = self.box, self.hidden
+        if box is not None:
+            left, top = max(box[0], 0.0), max(box[1], 0.0)  # a detector's may reach beyond the image
+            right, bottom = min(box[0] + box[2], float(width)), min(box[1] + box[3], float(height))
+            if right <= left or bottom <= top:
+                raise InputError(f"the box {','.join(f'{v:g}' for v in box)} is {whose}", box=box)
+            box = left, top, right - left, bottom - top
+        if self.outline is not None:
+            low, high = self.outline.min(axis=0), self.outline.max(axis=0)
+            if high[0] < 0.0 or high[1] < 0.0 or low[0] > width - 1 or low[1] > height - 1:
+                raise InputError(f"the outline lies {whose}")
+        if self.ignore is not None:
+            hidden = with_room(to_mask(self.ignore, (height, width), "ignore mask"))
+        background = None if self.background is None else _sized(self.background, width, height)
+        return replace(self, box=box, ignore=None, hidden=hidden, background=background)
+
+
+def _points(given: ArrayLike | None, name: str) -> tuple[Point, ...]:
+    if given is None:
+        return ()
+    try:
+        array = np.atleast_2d(np.asarray(given, dtype=np.float64))
+    except (TypeError, ValueError):
+        array = np.zeros((0, 0))
+    if array.size == 0 and array.shape != (0, 0):
+        return ()
+    if array.ndim != 2 or array.shape[1] != 2 or not np.isfinite(array).all():
+        raise InputError(f"{name} is (x, y) in px, or several of them, not {given!r}", given=repr(given))
+    return tuple((x, y) for x, y in array.tolist())
+
+
+def _box(given: Any) -> Box:
+    try:
+        left, top, wide, tall = (float(v) for v in given)
+    except (TypeError, ValueError):
+        raise InputError(f"a box is left, top, width and height in px, not {given!r}", given=repr(given)) from None
+    if not (wide > 0.0 and tall > 0.0 and np.isfinite([left, top, wide, tall]).all()):
+        raise InputError(f"a box has a width and a height above 0, not {wide:g} and {tall:g}", given=repr(given))
+    return left, top, wide, tall
+
+
+def _polygon(given: ArrayLike) -> Floats:
+    try:
+        points = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.zeros((0, 0))
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3 or not np.isfinite(points).all():
+        raise InputError("an outline is at least three corners (x, y) in px", shape=points.shape)
+    x, y = points.T
+    area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+    if area < 1.0:
+        raise InputError("the outline encloses no area", area=area)
+    return points
+
+
+def _sized(background: NDArray[Any], width: int, height: int) -> NDArray[np.uint8]:
+    """The background as grey or BGR, of the image's size."""
+    empty = to_bgr(background)
+    if empty.shape[:2] != (height, width):
+        raise InputError(
+            f"the background is {empty.shape[1]}x{empty.shape[0]} px, but the image is {width}x{height}",
+            shape=empty.shape,
+        )
+    return empty
