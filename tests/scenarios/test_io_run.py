@@ -17,7 +17,7 @@ import pytest
 from grasptrack import InputError, SourceError, TrackResult, open_source
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.force_closure import GraspAnalysis
-from grasptrack.io.results import UNITS, csv_columns
+from grasptrack.io.columns import UNITS, csv_columns
 from grasptrack.io.run import FILES, Tally, run_track
 from recordings import movie, picture, rows, write
 

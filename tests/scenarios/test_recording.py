@@ -15,7 +15,8 @@ import pytest
 from grasptrack import GraspTracker, open_source
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
-from grasptrack.io.recorders.fields import HALF, covariance_ellipses, result_fields
+from grasptrack.io.columns import result_fields
+from grasptrack.io.recorders.fields import HALF, covariance_ellipses
 from grasptrack.io.recording import open_recording
 from grasptrack.io.run import run_track
 from grasptrack.tracking.result import TrackResult

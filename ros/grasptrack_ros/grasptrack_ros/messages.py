@@ -24,6 +24,7 @@ from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithP
 from visualization_msgs.msg import Marker, MarkerArray
 
 import grasptrack as gt
+from grasptrack.io.columns import NAMED
 from grasptrack.io.recorders.fields import HALF, status_line
 from grasptrack.typing import Floats
 from grasptrack.view.draw import draw_overlay
@@ -31,6 +32,12 @@ from grasptrack.view.style import STATUS_RGB, Colour
 from grasptrack_ros.tracking import stamp_ns
 
 STATUS = {"searching": 0, "tracked": 1, "unstable": 2, "lost": 3}
+FIELDS = {
+    **{name: name for name in ("reason", "reason_code", "notice", "strategy", "confidence")},
+    **{name: name for name in ("margin", "margin_sd", "tilt", "tilt_sd", "distance", "distance_sd")},
+    "chance": "closure_probability",
+}
+"""Columns of `grasptrack.io.columns` with the fields that hold them, angles in rad."""
 QUALITY = 80
 """Of the overlay's JPEG."""
 SHOWN = 1
@@ -44,20 +51,12 @@ def grasp_message(header: Any, result: gt.TrackResult) -> TrackedGrasp:
     m = TrackedGrasp()
     m.header, m.status = header, STATUS[result.status]
     m.frame, m.repeated = result.frame, result.repeated
-    m.reason, m.reason_code, m.notice, m.strategy = (
-        " ".join(result.reason.split()),
-        result.reason_code,
-        result.notice,
-        result.strategy,
-    )
+    for name, field in FIELDS.items():
+        setattr(m, field, NAMED[name].value(result))
     m.grasp_id, m.object_sure = result.grasp_id or 0, result.object_sure
     m.contacts = [_contact(result, i) for i in range(0 if result.contacts is None else len(result.contacts))]
     m.has_homography = result.homography is not None
     m.homography = [0.0] * 9 if result.homography is None else result.homography.ravel().tolist()
-    m.confidence, m.closure_probability = float(result.confidence), float(result.chance)
-    m.margin = math.nan if result.analysis is None else float(result.analysis.margin)
-    m.margin_sd, m.tilt, m.tilt_sd = float(result.margin_sd), float(result.tilt), float(result.tilt_sd)
-    m.distance, m.distance_sd = float(result.distance), float(result.distance_sd)
     m.latency = float(result.latency_ms) * 1e-3
     return m
 

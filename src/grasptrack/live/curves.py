@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections import deque
 from itertools import islice
 from typing import NamedTuple
 
+from grasptrack.io.columns import NAMED
+from grasptrack.presentation import plain_value
 from grasptrack.tracking.result import TrackResult
 
 KEPT = 240
@@ -24,6 +25,10 @@ class CurvePoint(NamedTuple):
     status: str
 
 
+_DRAWN = ("margin", "confidence", "latency_ms", "status")
+"""Columns, in the order of `CurvePoint`."""
+
+
 class Curves:
     """The last `KEPT` points. One thread adds, any may look."""
 
@@ -34,11 +39,7 @@ class Curves:
 
     def add(self, result: TrackResult) -> None:
         """Add an image's."""
-        margin = math.nan if result.analysis is None else math.degrees(result.analysis.margin)
-        margin_deg, confidence, latency_ms = (
-            v if math.isfinite(v) else None for v in (margin, result.confidence, result.latency_ms)
-        )
-        point = CurvePoint(margin_deg, confidence, latency_ms, result.status)
+        point = CurvePoint(*(plain_value(NAMED[name].shown(result)) for name in _DRAWN))
         with self._turn:
             self._points.append(point)
             self._count += 1

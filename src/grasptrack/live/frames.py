@@ -18,10 +18,12 @@ from typing import Any
 import numpy as np
 
 from grasptrack.first_image import FirstImage
+from grasptrack.io.columns import NAMED
 from grasptrack.io.encoding import encode_jpeg
 from grasptrack.live.advisor import Proposal
 from grasptrack.live.curves import CurvePoint
 from grasptrack.live.state import Shown
+from grasptrack.presentation import plain_value
 from grasptrack.segmentation.first_look import describe_candidate
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.result import TrackResult
@@ -86,20 +88,19 @@ def moment_to_json(shown: Shown) -> bytes:
     return json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
 
 
+_FIELDS = {
+    **{name: name for name in ("status", "reason", "strategy", "confidence", "chance", "latency_ms", "distance")},
+    "grasp": "grasp_id",
+    "margin_deg": "margin",
+}
+"""Columns that the page shows, by its own names for them."""
+
+
 def _result_entry(result: TrackResult) -> dict[str, Any]:
-    analysis = result.analysis
     entry: dict[str, Any] = {
-        "status": result.status,
-        "reason": result.reason,
+        **{key: plain_value(NAMED[name].shown(result)) for key, name in _FIELDS.items()},
         "notice": SENTENCES.get(result.notice, "") if result.notice else "",
-        "strategy": result.strategy,
-        "grasp": result.grasp_id,
-        "confidence": result.confidence,
-        "chance": _finite(result.chance),
-        "latency_ms": _finite(result.latency_ms),
-        "distance": _finite(result.distance),
         "object_sure": result.object_sure,
-        "margin_deg": None if analysis is None else _finite(math.degrees(analysis.margin)),
         "outlines": [] if result.view is None else [_line(c.points) for c in result.view.contours],
         "contacts": None,
     }

@@ -13,15 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from grasptrack.errors import InputError
 from grasptrack.io.bags.mcap import IMAGE_TOPIC, METADATA, RESULT_TOPIC
+from grasptrack.io.columns import result_fields, result_schema
 from grasptrack.io.encoding import encode_image
 from grasptrack.io.extras import import_extra
-from grasptrack.io.recorders.fields import (
-    HALF,
-    covariance_ellipses,
-    result_fields,
-    result_schema,
-    status_line,
-)
+from grasptrack.io.recorders.fields import HALF, covariance_ellipses, status_line
 from grasptrack.io.video import DEFAULT_FPS
 from grasptrack.view.style import STATUS_RGB
 

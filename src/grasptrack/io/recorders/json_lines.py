@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from grasptrack.errors import InputError
-from grasptrack.io.recorders.fields import result_fields
+from grasptrack.io.columns import result_fields
 
 if TYPE_CHECKING:
     from grasptrack.io.base import Frame

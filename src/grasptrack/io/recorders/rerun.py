@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grasptrack.errors import InputError
+from grasptrack.io.columns import NAMED
 from grasptrack.io.encoding import encode_image
 from grasptrack.io.extras import import_extra
 from grasptrack.io.recorders.fields import HALF, covariance_ellipses, status_line
@@ -74,10 +75,8 @@ class RerunRecording:
         log(ELLIPSES, rr.LineStrips2D([[*ring, ring[0]] for ring in rings], colors=[_WHITE] * len(rings)))
         log(STATUS, rr.StateChange(state=result.status))
         log(f"{STATUS}/text", rr.TextLog(status_line(result)))
-        margin = math.nan if result.analysis is None else math.degrees(result.analysis.margin)
-        values = (margin, result.confidence, result.chance, result.latency_ms)
-        for name, value in zip(_PLOTTED, values, strict=True):
-            if math.isfinite(value):
+        for name in _PLOTTED:
+            if math.isfinite(value := NAMED[name].shown(result)):
                 log(f"{NUMBERS}/{name}", rr.Scalars(value))
 
     def close(self) -> None:

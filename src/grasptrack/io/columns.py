@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is told of every frame: the one table that grasps.csv, run.json, lines of JSON, recordings, messages and the page use.
+
+Units are for people: **degrees** for margins and tilt, px for contacts, s for times, ms for latency, the user's own unit for
+distances. A cell of grasps.csv is empty where there is no value; JSON has null there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from grasptrack.presentation import plain_value
+
+if TYPE_CHECKING:
+    from grasptrack.io.base import Frame
+    from grasptrack.tracking.result import TrackResult
+
+Kind = Literal["integer", "count", "text", "points", "matrices", "shares", "number"]
+_NUMBERS = {"type": "array", "items": {"type": "number"}}
+_POINTS = {"type": ["array", "null"], "items": _NUMBERS}
+_SCHEMAS: dict[Kind, dict[str, Any]] = {
+    "integer": {"type": "integer"},
+    "count": {"type": ["integer", "null"]},
+    "text": {"type": "string"},
+    "points": _POINTS,
+    "matrices": {"type": ["array", "null"], "items": _POINTS},
+    "shares": {"type": ["array", "null"], "items": {"type": "number"}},
+    "number": {"type": ["number", "null"]},
+}
+_NO_CONTACTS, _NO_COVARIANCE = "no contacts", "no contacts, or no covariance"
+_NO_DISTANCE = "no contacts, no `--length`, or an outline that the first view cuts off"
+
+
+class Column(NamedTuple):
+    """One value of a frame's answer.
+
+    Attributes:
+        name: its key in JSON.
+        kind: of its value in JSON.
+        unit: as run.json has it; empty for words and counts.
+        absent: when grasps.csv has an empty cell.
+        digits: how grasps.csv writes a number, as a format.
+        cells: names of its columns in grasps.csv, ``{i}`` being the contact's number; its name alone where empty.
+        take: from an answer, angles in rad.
+        spread: its value as the numbers of its cells; one alone where None.
+    """
+
+    name: str
+    kind: Kind
+    unit: str
+    absent: str
+    digits: str = ""
+    cells: str = ""
+    take: Callable[[TrackResult], Any] | None = None
+    spread: Callable[[Any], list[Any]] | None = None
+
+    def value(self, result: TrackResult) -> Any:
+        """As a `TrackResult` has it, angles in rad; None or NaN where there is none."""
+        return (self.take or attrgetter(self.name))(result)
+
+    def shown(self, result: TrackResult) -> Any:
+        """In the unit of the table."""
+        value = self.value(result)
+        return math.degrees(value) if self.unit == "degrees" else value
+
+    def cell_names(self, fingers: int) -> list[str]:
+        """Of grasps.csv for a number of contacts."""
+        names = (self.cells or self.name).split()
+        if "{i}" not in self.cells:
+            return names
+        return [name.format(i=i) for i in range(1, fingers + 1) for name in names]
+
+
+def _upper_triangles(covariances: Any) -> list[float]:
+    """xx, xy and yy of each of (k, 2, 2)."""
+    return [float(c[at]) for c in covariances for at in ((0, 0), (0, 1), (1, 1))]
+
+
+def _flat(values: Any) -> list[float]:
+    return values.ravel().tolist()  # type: ignore[no-any-return]
+
+
+COLUMNS = (
+    Column("frame", "integer", "", "never"),
+    Column("time_s", "number", "s", "the source has no times", ".6f", take=attrgetter("time")),
+    Column("status", "text", "", "never"),
+    Column("strategy", "text", "", _NO_CONTACTS),
+    Column("grasp_id", "count", "", "searching"),
+    Column(
+        "contacts",
+        "points",
+        "px, the centre of the top-left pixel at (0, 0), x right, y down",
+        _NO_CONTACTS,
+        ".4f",
+        cells="x{i} y{i}",
+        spread=_flat,
+    ),
+    Column("seen", "shares", "0 to 1", _NO_CONTACTS, ".3f", cells="seen{i}", spread=_flat),
+    Column(
+        "margin",
+        "number",
+        "degrees",
+        _NO_CONTACTS,
+        ".4f",
+        take=lambda result: math.nan if result.analysis is None else result.analysis.margin,
+    ),
+    Column(
+        "confidence",
+        "number",
+        "0 to 1, the complement of the probability that a contact is off or on another object",
+        "never; 0 while searching",
+        ".9f",
+    ),
+    Column("chance", "number", "probability", _NO_COVARIANCE, ".4f"),
+    Column("latency_ms", "number", "ms", "never", ".4f"),
+    Column("reason", "text", "", "tracked", take=lambda result: " ".join(result.reason.split())),
+    Column("reason_code", "text", "", "tracked"),
+    Column("tilt", "number", "degrees", _NO_CONTACTS, ".4f"),
+    Column("tilt_sd", "number", "degrees", _NO_CONTACTS, ".4f"),
+    Column("margin_sd", "number", "degrees", _NO_CONTACTS, ".4f"),
+    Column("margin_image", "number", "degrees", _NO_CONTACTS, ".4f"),
+    Column("distance", "number", "that of the length that was told", _NO_DISTANCE, ".6g"),
+    Column("distance_sd", "number", "that of the length that was told", _NO_DISTANCE, ".6g"),
+    Column(
+        "mended",
+        "number",
+        "share of the first outline",
+        "always but in the first row of the mended outline",
+        ".4f",
+        spread=lambda share: [share or math.nan],
+    ),
+    Column("notice", "text", "", "a tracked frame needs none"),
+    Column(
+        "homography",
+        "points",
+        "H_current_reference, px of the grasp's first view to px of the frame, h33 being 1",
+        "no contacts, or a strategy that gives none",
+        ".9g",
+        cells="h11 h12 h13 h21 h22 h23 h31 h32 h33",
+        spread=_flat,
+    ),
+    Column(
+        "covariances",
+        "matrices",
+        "px^2, of each contact's x and y",
+        _NO_COVARIANCE,
+        ".6g",
+        cells="cov_xx{i} cov_xy{i} cov_yy{i}",
+        take=attrgetter("covariance"),
+        spread=_upper_triangles,
+    ),
+)
+"""In the order of grasps.csv; new ones come at the end."""
+NAMED = {column.name: column for column in COLUMNS}
+IN_JSON = (
+    *("frame", "time_s", "status", "reason", "reason_code", "strategy", "grasp_id", "contacts", "covariances", "seen"),
+    *("homography", "confidence", "chance", "margin", "margin_sd", "margin_image", "tilt", "tilt_sd"),
+    *("distance", "distance_sd", "mended", "notice", "latency_ms"),
+)
+"""The order of lines of JSON and of recordings."""
+UNITS = {column.name: column.unit for column in COLUMNS if column.unit}
+
+
+def csv_columns(fingers: int) -> list[str]:
+    """Names of the columns of grasps.csv for a number of contacts."""
+    return [name for column in COLUMNS for name in column.cell_names(fingers)]
+
+
+def csv_cells(result: TrackResult, index: int, time: float | None, fingers: int) -> list[str]:
+    """A row of grasps.csv.
+
+    Args:
+        result: the tracker's answer.
+        index: the frame's number in its source.
+        time: the frame's time, s.
+        fingers: number of contacts that there are columns for.
+    """
+    of_frame = {"frame": index, "time_s": time}
+    cells: list[str] = []
+    for column in COLUMNS:
+        value = of_frame[column.name] if column.name in of_frame else column.shown(result)
+        listed: Sequence[Any] = [] if value is None else [value] if column.spread is None else column.spread(value)
+        count = len(column.cell_names(fingers))
+        written = [_format_cell(part, column.digits) for part in listed[:count]]
+        cells += written + [""] * (count - len(written))
+    return cells
+
+
+def _format_cell(value: Any, digits: str) -> str:
+    return "" if isinstance(value, float) and not math.isfinite(value) else format(value, digits)
+
+
+def result_fields(frame: Frame, result: TrackResult, *, outline: bool = False) -> dict[str, Any]:
+    """One frame as JSON has it; what does not exist is None. Lengths are in px of grasps.csv, angles in degrees.
+
+    Args:
+        frame: the image.
+        result: the tracker's answer.
+        outline: tell the outline that was observed, the outer contour first, then holes.
+    """
+    fields = {name: NAMED[name].shown(result) for name in IN_JSON}
+    fields |= {"frame": frame.index, "time_s": frame.time}
+    if outline:
+        fields["outline"] = None if result.view is None else [c.points for c in result.view.contours]
+    plain: dict[str, Any] = plain_value(fields)
+    return plain
+
+
+def result_schema() -> dict[str, Any]:
+    """What `result_fields` gives, as a JSON schema."""
+    kinds = {name: schema for kind, schema in _SCHEMAS.items() for name in IN_JSON if NAMED[name].kind == kind}
+    return {"title": "grasptrack.Result", "type": "object", "properties": kinds}
