@@ -19,8 +19,9 @@ from grasptrack.segmentation.localization import localize_contour
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.snake.active_contour import Snake
-from grasptrack.tracking.estimator import Hypothesis, estimate_pose
+from grasptrack.tracking.estimator import estimate_pose
 from grasptrack.tracking.follower import Follower
+from grasptrack.tracking.pose import Hypothesis
 from grasptrack.tracking.target import build_pyramid
 from grasptrack.transfer import TransferStrategy, homography, strategy_named
 from grasptrack.transfer.alignment import find_alignments
@@ -67,10 +68,10 @@ class Clock:
 
     def estimate(self, follower: Follower, images: Sequence[Pixels], H: Iterable[Floats]) -> None:
         """Time a pose estimate, begun at H (3, 3) of each image."""
-        target, state = follower.target, follower.state
+        state = follower.state
 
         def run_estimate(levels: Any, at: Floats) -> None:
-            estimate_pose(target, state, levels, Hypothesis("", target.pose(at), state.P))
+            estimate_pose(state, levels, Hypothesis("", state.target.pose(at), state.P))
 
         self("pose estimate", run_estimate, ((build_pyramid(i), np.asarray(h)) for i, h in zip(images, H, strict=True)))
 

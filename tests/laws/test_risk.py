@@ -23,7 +23,7 @@ from grasptrack.cli.main import main
 from grasptrack.demo import run_demo
 from grasptrack.errors import InputError
 from grasptrack.trackability import inspect
-from grasptrack.tracking import follower
+from grasptrack.tracking import hypotheses
 from grasptrack.tracking.decision import NOTHING, Decision, any_of, decide_pose
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, OWN, check_risk, read_numbers
 from grasptrack.tracking.result import TrackResult
@@ -56,12 +56,12 @@ def asked() -> list[tuple[Any, ...]]:
     """What was asked of the decision in a run."""
     calls: list[tuple[Any, ...]] = []
 
-    def noted(state: Any, estimates: Any, *rest: Any) -> Decision:
-        calls.append((copy.copy(state), list(estimates), *rest[:-1]))
-        return decide_pose(state, estimates, *rest)
+    def noted(state: Any, estimates: Any, expected: Any) -> Decision:
+        calls.append((copy.copy(state), list(estimates), expected))
+        return decide_pose(state, estimates, expected)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(follower, "decide_pose", noted)
+        patch.setattr(hypotheses, "decide_pose", noted)
         track()
     return calls
 
@@ -69,7 +69,7 @@ def asked() -> list[tuple[Any, ...]]:
 def test_what_is_accepted_shrinks_as_the_risk_falls(asked: list[tuple[Any, ...]]) -> None:
     before: set[int] = set()
     for risk in RISKS:
-        decided = [decide_pose(*call, NUMBERS.with_risk(risk)) for call in asked]
+        decided = [decide_pose(*call).at(risk) for call in asked]
         accepted = {k for k, d in enumerate(decided) if d.accepted}
         assert before <= accepted
         for d in decided:

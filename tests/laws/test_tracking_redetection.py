@@ -11,9 +11,8 @@ import pytest
 
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.tracking.decision import max_contact_distance
-from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.follower import Follower
+from grasptrack.tracking.pose import Hypothesis, max_contact_distance
 from grasptrack.tracking.redetection import MATCHED, MOST, WAYS, wide_prior
 from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.simulation import SHAPES, Shape

@@ -23,9 +23,10 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.hand import parse_measure
 from grasptrack.segmentation.undistortion import Undistortion
 from grasptrack.tracking.camera import Beforehand
-from grasptrack.tracking.numbers import NUMBERS, Numbers
+from grasptrack.tracking.estimator import first_state
+from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Plane, Ruler, outline_extent
-from grasptrack.tracking.state import TrackState, first_state
+from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target
 from test_plane import FOCAL, HEIGHT, WIDTH, Followed, camera, plane_of, rendered, slopes, turned
 
@@ -188,11 +189,10 @@ def test_every_verb_takes_the_focal_length_of_a_calibration(
     def noted(
         target: Target,
         levels: list[Grey],
-        numbers: Numbers,
         focal: Beforehand | None = None,
         time: float | None = None,
     ) -> TrackState:
-        state = begin(target, levels, numbers, focal, time)
+        state = begin(target, levels, focal, time)
         theta, covariance = state.plane.theta_and_covariance()
         known.append((float(theta[0]), math.sqrt(covariance[0, 0])))
         return state

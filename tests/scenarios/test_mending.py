@@ -18,9 +18,9 @@ from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.mending import TRIALS, VIEWS, Mender, _longest_open_stretch, _mean_log_ratio, _Trial
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Plane, outline_extent
+from grasptrack.tracking.pose import Look
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.selection import make_target
-from grasptrack.tracking.state import Look
 from grasptrack.tracking.target import build_pyramid
 from grasptrack.typing import Floats
 from grasptrack_bench.method import chosen_grasp

@@ -11,9 +11,9 @@ import pytest
 
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.tracking.decision import largest_sigma
-from grasptrack.tracking.estimator import PoseEstimate
+from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.pose import PoseEstimate, largest_sigma
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
     decide_single,
@@ -21,14 +21,14 @@ from grasptrack.tracking.single import (
     single_estimate,
     turned_hypotheses,
 )
-from grasptrack.tracking.state import TrackState, first_state
-from grasptrack.tracking.target import Target, build_pyramid
+from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.target import build_pyramid
 from scenery import L_PLATE, SQUARE, drawn
 
 SIZE = (480, 640)
 
 
-def begun(shape: np.ndarray, centre: tuple[float, float] = (320.0, 240.0)) -> tuple[Target, TrackState]:
+def begun(shape: np.ndarray, centre: tuple[float, float] = (320.0, 240.0)) -> TrackState:
     """A plate as it is drawn, gripped at two of its points."""
     ahead = np.roll(shape, -1, axis=0) - shape
     fine = np.concatenate(
@@ -36,7 +36,7 @@ def begun(shape: np.ndarray, centre: tuple[float, float] = (320.0, 240.0)) -> tu
     )
     levels = build_pyramid(drawn(shape, centres=(centre,), angle=0.0, size=SIZE))
     target = make_target(levels, View(Contour(fine + centre)), fine[[40, 200]] + centre, NUMBERS)
-    return target, first_state(target, levels, NUMBERS)
+    return first_state(target, levels)
 
 
 def placed(x: float, y: float, angle: float = 0.0) -> np.ndarray:
@@ -48,38 +48,38 @@ def placed(x: float, y: float, angle: float = 0.0) -> np.ndarray:
     return to @ turn @ back
 
 
-def seen(target: Target, state: TrackState, H: np.ndarray, image: np.ndarray) -> PoseEstimate:
-    found = single_estimate(target, state, build_pyramid(image), pose_hypothesis(target, "given", H, NUMBERS), NUMBERS)
+def seen(state: TrackState, H: np.ndarray, image: np.ndarray) -> PoseEstimate:
+    found = single_estimate(state, build_pyramid(image), pose_hypothesis(state.target, "given", H))
     assert found is not None
     return found
 
 
 @pytest.mark.parametrize("angle", [0.0, 2.0])
 def test_where_it_lies_and_how_it_turned_is_of_no_account(angle: float) -> None:
-    target, state = begun(L_PLATE)
+    state = begun(L_PLATE)
     for x, y in ((160.0, 120.0), (480.0, 330.0)):
         H = placed(x, y, angle)
-        e = seen(target, state, H, drawn(L_PLATE, centres=((x, y),), angle=angle, size=SIZE, seed=2))
-        decision = decide_single(target, state, [e], NUMBERS)
+        e = seen(state, H, drawn(L_PLATE, centres=((x, y),), angle=angle, size=SIZE, seed=2))
+        decision = decide_single(state, [e])
         assert decision.accepted
-        assert np.hypot(*(e.contacts - apply_homography(H, target.contacts)).T).max() < 0.3
+        assert np.hypot(*(e.contacts - apply_homography(H, state.target.contacts)).T).max() < 0.3
 
 
 @pytest.mark.parametrize(("share", "accepted"), [(0.9, True), (1.1, False)])
 def test_the_largest_deviation_is_that_at_which_the_decision_refuses(share: float, accepted: bool) -> None:
-    target, state = begun(2.0 * L_PLATE)
-    e = seen(target, state, np.eye(3), drawn(2.0 * L_PLATE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
+    state = begun(2.0 * L_PLATE)
+    e = seen(state, np.eye(3), drawn(2.0 * L_PLATE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
     sigma = share * largest_sigma(e.area, NUMBERS) / NUMBERS.inflate
     uncertain = replace(e, covariance=np.tile(sigma**2 * np.eye(2), (len(e.contacts), 1, 1)))
-    decision = decide_single(target, state, [uncertain], NUMBERS)
+    decision = decide_single(state, [uncertain])
     assert decision.accepted == accepted and decision.code == ("" if accepted else "uncertain")
 
 
 def test_turns_that_nothing_tells_apart_are_not_believed() -> None:
-    target, state = begun(SQUARE)
+    state = begun(SQUARE)
     levels = build_pyramid(drawn(SQUARE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
-    own = single_estimate(target, state, levels, pose_hypothesis(target, "given", np.eye(3), NUMBERS), NUMBERS)
-    assert own is not None and len(target.turns) == 3 and decide_single(target, state, [own], NUMBERS).accepted
-    turned = [single_estimate(target, state, levels, h, NUMBERS) for h in turned_hypotheses(target, own, NUMBERS)]
-    decision = decide_single(target, state, [own, *(e for e in turned if e is not None)], NUMBERS)
+    own = single_estimate(state, levels, pose_hypothesis(state.target, "given", np.eye(3)))
+    assert own is not None and len(state.target.turns) == 3 and decide_single(state, [own]).accepted
+    turned = [single_estimate(state, levels, h) for h in turned_hypotheses(state.target, own)]
+    decision = decide_single(state, [own, *(e for e in turned if e is not None)])
     assert not decision.accepted and decision.presence < 0.5

@@ -14,10 +14,10 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.closure_probability import CHANCE
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.tracking.decision import CODES, NOTHING, check_strategy_contacts
-from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.initialization import count_describing_strategies, synthesize_grasps
 from grasptrack.tracking.messages import FIGURES, SENTENCES, Reason
+from grasptrack.tracking.pose import PoseEstimate
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.transfer import STRATEGIES

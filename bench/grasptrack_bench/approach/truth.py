@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.tracking.decision import contact_tolerance
 from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.pose import contact_tolerance
 from grasptrack.typing import Floats
 from grasptrack_bench.approach.case import Row
 from grasptrack_bench.approach.choosing import EVEN, FRICTION, SIDEWAYS, turn_between

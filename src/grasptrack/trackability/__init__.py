@@ -50,11 +50,11 @@ from grasptrack.trackability.report import Findings, is_lost, level_of, reasons_
 from grasptrack.trackability.result import Held, Looks, Reason, Suitability, Texture
 from grasptrack.trackability.synthetic_view import Setting, Stage
 from grasptrack.tracking.camera import Beforehand
-from grasptrack.tracking.decision import contact_tolerance, largest_sigma
 from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.initialization import FirstScene, Wish
 from grasptrack.tracking.messages import Reason as Why
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
+from grasptrack.tracking.pose import contact_tolerance, largest_sigma
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.strategies import carrier_for
 from grasptrack.tracking.target import Target, build_pyramid

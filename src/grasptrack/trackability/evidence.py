@@ -20,10 +20,11 @@ from grasptrack.matching import Sampled, find_symmetries
 from grasptrack.trackability.first import FirstView
 from grasptrack.trackability.prediction import Looked
 from grasptrack.trackability.synthetic_view import REST, Stage
-from grasptrack.tracking.decision import texture_evidence
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
+from grasptrack.tracking.estimator import first_state
+from grasptrack.tracking.evidence import texture_evidence
 from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.pose import Hypothesis, PoseEstimate
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
     pose_hypothesis,
@@ -32,7 +33,7 @@ from grasptrack.tracking.single import (
     told_apart,
     turned_hypotheses,
 )
-from grasptrack.tracking.state import TrackState, first_state
+from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.strategies import Silhouettes, Snakes
 from grasptrack.tracking.target import Grey, Target, build_pyramid
 from grasptrack.transfer.alignment import as_similarity, find_alignments
@@ -89,15 +90,13 @@ def contact_evidence(first: FirstView, target: Target, looked: Sequence[Looked],
     """
     levels = build_pyramid(first.grey)
     bare = make_target(levels, first.candidate.view, first.held_grasp.contacts, UNTEXTURED, first.ignore_mask)
-    by_outline, by_surface = (first_state(each, levels, NUMBERS) for each in (bare, target))
+    by_outline, by_surface = (first_state(each, levels) for each in (bare, target))
     alone, surface, ground = _Covariances(), _Covariances(), _Covariances()
     for grey, step, decision in looked[:VIEWS]:
         image = build_pyramid(grey)
-        alone.add_estimate(_estimate_pose(bare, by_outline, image, step.H))
-        textured = _estimate_pose(target, by_surface, image, step.H)
-        if (
-            textured is not None and texture_evidence(textured, by_surface.usual, NUMBERS) > 0.0
-        ):  # else there is only noise
+        alone.add_estimate(_estimate_pose(by_outline, image, step.H))
+        textured = _estimate_pose(by_surface, image, step.H)
+        if textured is not None and texture_evidence(by_surface, textured) > 0.0:  # else there is only noise
             surface.add_estimate(textured)
         followed = decision.estimate
         if followed is not None and followed.origin == BACKGROUND:
@@ -141,9 +140,9 @@ class _Covariances:
         return sorted(self._found, key=_largest_deviation)[len(self._found) // 2]
 
 
-def _estimate_pose(target: Target, state: TrackState, image: list[Grey], H: Floats) -> PoseEstimate | None:
+def _estimate_pose(state: TrackState, image: list[Grey], H: Floats) -> PoseEstimate | None:
     """The target laid on an image, of which this is the pyramid, that shows it under a homography (3, 3)."""
-    return single_estimate(target, state, image, pose_hypothesis(target, "staged", H, NUMBERS), NUMBERS)
+    return single_estimate(state, image, pose_hypothesis(state.target, "staged", H))
 
 
 def _largest_deviation(covariance: Floats) -> float:
@@ -193,10 +192,10 @@ class Likeness:
         self._first = first
         self._levels = build_pyramid(first.grey)
         self.target = target
-        self._state = first_state(self.target, self._levels, NUMBERS)
+        self._state = first_state(self.target, self._levels)
         self._again = build_pyramid(stage.render_grey(REST))
         here = Hypothesis("first", self.target.A, self._state.P)
-        self._own = single_estimate(self.target, self._state, self._again, here, NUMBERS)
+        self._own = single_estimate(self._state, self._again, here)
 
     def turns(self) -> list[float]:
         """Degrees, the turns of the outline into itself that its surface does not tell from none."""
@@ -204,9 +203,9 @@ class Likeness:
         if own is None:
             return []
         found = []
-        for hypothesis in turned_hypotheses(self.target, own, NUMBERS):
-            other = single_estimate(self.target, self._state, self._again, hypothesis, NUMBERS)
-            if other is None or same_place(own, other, NUMBERS) or told_apart(self._state, own, other, NUMBERS):
+        for hypothesis in turned_hypotheses(self.target, own):
+            other = single_estimate(self._state, self._again, hypothesis)
+            if other is None or same_place(own, other, NUMBERS) or told_apart(self._state, own, other, NUMBERS.risk):
                 continue
             x, y = self.target.outline.mean(axis=0).tolist()
             found.append(math.degrees(rotation_at(np.linalg.inv(own.G) @ other.G, x, y)) % 360.0)
@@ -221,9 +220,9 @@ class Likeness:
         if ways[0].residual > EQUAL * math.sqrt(other.outer.area):
             return False
         for way in ways:
-            hypothesis = pose_hypothesis(self.target, "equal", as_similarity(way, outer, other.outer), NUMBERS)
-            there = single_estimate(self.target, self._state, self._levels, hypothesis, NUMBERS)
-            if self._own is None or (there is not None and not told_apart(self._state, self._own, there, NUMBERS)):
+            hypothesis = pose_hypothesis(self.target, "equal", as_similarity(way, outer, other.outer))
+            there = single_estimate(self._state, self._levels, hypothesis)
+            if self._own is None or (there is not None and not told_apart(self._state, self._own, there, NUMBERS.risk)):
                 return True
         return False
 

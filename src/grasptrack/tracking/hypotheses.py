@@ -1,134 +1,213 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the object is expected: carried by its own texture, by the background, at rest, or moving on evenly."""
+"""Where the object is expected, by its own texture, the background, rest or even motion, and what an image makes of that."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+import math
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from grasptrack.kernels import seen_area
-from grasptrack.tracking.decision import is_certain
-from grasptrack.tracking.estimator import Hypothesis
-from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.target import Grey, Target
+from grasptrack.tracking.decision import Decision, Expected, decide_pose
+from grasptrack.tracking.estimator import estimate_pose
+from grasptrack.tracking.evidence import expected_texture, pose_evidence, texture_evidence
+from grasptrack.tracking.pose import CONTINUOUS, Hypothesis, PoseEstimate, largest_sigma, lead_alike, worst_variance
+from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
 
-if TYPE_CHECKING:
-    from grasptrack.tracking.state import TrackState
-
-
-FEW = 8
+MIN_PLACES = 8
 """Patches that a motion must rest on."""
+PLENTY_AGREE, ENOUGH_AGREE = 0.6, 0.25
+"""Shares of the places that agree on a motion for no other start to be tried, and for it to be believed at all."""
+WIDER_START = 4.0
+"""By which the variance of a frame's motion is taken larger where a look is laid on the next image."""
+BACKGROUND_EVERY = 4
+"""Images after which it is asked anew whether the object rests on the background, where its own texture tells its motion."""
+AGREE_DISTANCE = 20.1
+"""Squared Mahalanobis distance of predictions that agree: 99 % of chi-squared with 8 degrees of freedom."""
+LEAST_OF_USUAL = 0.5
+"""Share of the usual evidence of the surface below which a second solution is looked for."""
 
 
 class Predictions(NamedTuple):
-    """Hypotheses to try at once, and those to try where none of them is accepted; and where the ground has the object.
+    """Hypotheses to try at once, and those to try where none of them is accepted; and where the background has the object.
 
     Attributes:
         first, second: the likeliest first.
-        ground: (3, 3), None where the ground tells nothing, or was not asked.
+        background: (3, 3), None where the background tells nothing, or was not asked.
         even: (3, 3) where even motion has it; None where the motion is not known.
     """
 
     first: list[Hypothesis]
     second: list[Hypothesis]
-    ground: Floats | None
+    background: Floats | None
     even: Floats | None
 
 
-def predict_hypotheses(
-    target: Target, state: TrackState, levels: list[Grey], steps: float, numbers: Numbers
-) -> Predictions:
+def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     """Hypotheses of continuity.
 
     Args:
-        target, state: of the object.
+        state: of the object, `steps` before the image.
         levels: the image's pyramid.
-        steps: time since the last image in usual intervals.
-        numbers: the core's.
     """
-    Q = target.noise_of_motion * max(1.0, steps)
+    target, numbers = state.target, state.numbers
+    Q = target.noise_of_motion * max(1.0, state.steps)
     free = state.P + Q
     rest = [Hypothesis("at rest", state.last.G, free)]
-    if state.lost:  # what was found since was not believed, and what moves before the ground may have carried it along
+    if (
+        state.lost
+    ):  # what was found since was not believed, and what moves before the background may have carried it along
         rest.append(Hypothesis("at rest", state.located.G, free))
-    even = _moving_on(target, state, steps)
-    if even is not None:
+    even = None
+    if state.velocity is not None and not state.lost:
+        even = np.asarray(target.handle.moved(state.last.G, state.velocity * state.steps), dtype=np.float64)
         rest.insert(0, Hypothesis("moving on", even, free))
-    flow = None if state.lost else _align_last_look(target, state, levels, rest, Q, target.clear_corners(state.visible))
+    flow = None if state.lost else _align_last_look(state, levels, rest, Q, target.clear_corners(state.visible))
     first = []
     if flow is not None:
         hypothesis = Hypothesis("texture", flow["G"], state.P + flow["P"] + Q * numbers.predicted**2)
         first = [hypothesis]
         if even is not None:
             calm = Hypothesis("moving on", even, state.P + state.velocity_P + Q * state.agility)
-            joined = _fuse_predictions(target, hypothesis, calm)
+            joined = _fuse_predictions(state, hypothesis, calm)
             # what moves over the object may have carried its texture along
             first = [hypothesis, calm] if joined is None else [joined]
-    settled = flow is not None and _fixes_contacts(target, flow, numbers)
-    if settled and state.accepted % GROUND:
+    settled = flow is not None and _fixes_contacts(state, flow)
+    if settled and state.accepted % BACKGROUND_EVERY:
         return Predictions(first, rest, None, even)
-    ground = _align_last_look(target, state, levels, rest, Q, target.clear_ring(state.visible))
-    if ground is None:
+    background = _align_last_look(state, levels, rest, Q, target.clear_ring(state.visible))
+    if background is None:
         return Predictions(first or rest, rest if first else [], None, even)
-    # what rested on the ground rests on it still
-    carried = Hypothesis("background", ground["G"], state.P + ground["P"] + Q * state.wander**2)
+    # what rested on the background rests on it still
+    carried = Hypothesis("background", background["G"], state.P + background["P"] + Q * state.wander**2)
     if first and not settled:
-        joined = _fuse_predictions(target, carried, first[0])
+        joined = _fuse_predictions(state, carried, first[0])
         first = first if joined is None else [joined]
     if first:
-        return Predictions(first, [*rest, carried], ground["G"], even)
-    return Predictions([carried, *rest], [], ground["G"], even)
+        return Predictions(first, [*rest, carried], carried.G, even)
+    return Predictions([carried, *rest], [], carried.G, even)
 
 
-def _fixes_contacts(target: Target, flow: dict[str, Any], numbers: Numbers) -> bool:
+def _fixes_contacts(state: TrackState, flow: dict[str, Any]) -> bool:
     """Whether its own texture tells where every contact is, as surely as an answer is asked for."""
-    covariance = target.handle.placed(flow["G"], flow["P"])[1]
-    return is_certain(covariance, abs(seen_area(flow["G"], target.outline)), numbers)
+    covariance = state.target.handle.placed(flow["G"], flow["P"])[1]
+    area = abs(seen_area(flow["G"], state.target.outline))
+    return math.sqrt(worst_variance(covariance)) < largest_sigma(area, state.numbers)
 
 
-GROUND = 4
-"""Images after which it is asked anew whether the object rests on the ground, where its own texture tells its motion."""
-
-
-def _moving_on(target: Target, state: TrackState, steps: float) -> Floats | None:
-    """(3, 3) the pose that even motion leads to in so many usual intervals; None where the motion is not known."""
-    if state.velocity is None or state.lost:
-        return None
-    return np.asarray(target.handle.moved(state.last.G, state.velocity * steps), dtype=np.float64)
-
-
-def _fuse_predictions(target: Target, flow: Hypothesis, even: Hypothesis) -> Hypothesis | None:
+def _fuse_predictions(state: TrackState, flow: Hypothesis, even: Hypothesis) -> Hypothesis | None:
     """What texture and even motion say together; None where they contradict each other."""
-    distance, G, P = target.handle.joined(flow.G, flow.P, even.G, even.P)
-    return Hypothesis(flow.origin, G, P) if distance <= AGREE else None
-
-
-AGREE = 20.1
-"""Squared Mahalanobis distance of predictions that agree: 99 % of chi-squared with 8 degrees of freedom."""
+    distance, G, P = state.target.handle.joined(flow.G, flow.P, even.G, even.P)
+    return Hypothesis(flow.origin, G, P) if distance <= AGREE_DISTANCE else None
 
 
 def _align_last_look(
-    target: Target, state: TrackState, levels: list[Grey], starts: list[Hypothesis], Q: Floats, places: Floats
+    state: TrackState, levels: list[Grey], starts: list[Hypothesis], Q: Floats, places: Floats
 ) -> dict[str, Any] | None:
     """The last look at some places (n, 2), work px, laid on this image; None where too few of them agree."""
-    if len(places) < FEW:
+    if len(places) < MIN_PLACES:
         return None
-    best = None
-    wide = Q * 4.0
+    best, wide, target = None, Q * WIDER_START, state.target
     for start in starts:
         found = target.handle.follow(
             state.last.levels, state.last.G, levels, start.G, wide, places, target.corner_strides
         )
-        if not found["valid"] or found["agreeing"] * len(places) < FEW:
+        if not found["valid"] or found["agreeing"] * len(places) < MIN_PLACES:
             continue
         if best is None or found["agreeing"] > best["agreeing"]:
             best = found
-        if best["agreeing"] > PLENTY:
+        if best["agreeing"] > PLENTY_AGREE:
             break
-    return None if best is None or best["agreeing"] < ENOUGH else best
+    return None if best is None or best["agreeing"] < ENOUGH_AGREE else best
 
 
-PLENTY, ENOUGH = 0.6, 0.25
-"""Shares of the places that agree on a motion for no other start to be tried, and for it to be believed at all."""
+class Solutions:
+    """What is found of the object in one image.
+
+    Args:
+        state: what is known of it so far.
+        levels: the image's pyramid.
+        expected: what continuity says of the image.
+        hypotheses: to begin with.
+
+    Attributes:
+        found: one estimate of each hypothesis that has one.
+        expected: as given; more may become known.
+    """
+
+    def __init__(self, state: TrackState, levels: list[Grey], expected: Expected, hypotheses: list[Hypothesis]) -> None:
+        self.found: list[PoseEstimate] = []
+        self.expected = expected
+        self._state, self._levels = state, levels
+        self._second: list[tuple[PoseEstimate, PoseEstimate | None]] = []
+        self.add(hypotheses)
+
+    def decide(self) -> Decision:
+        """What is decided of all that is found."""
+        return decide_pose(self._state, self.found, self.expected)
+
+    def add(self, hypotheses: list[Hypothesis]) -> None:
+        """Make hypotheses exact; of a lost object those that do not lead to what was found already."""
+        state = self._state
+        for hypothesis in hypotheses:
+            if state.lost and self._is_answered(hypothesis):
+                continue
+            # where it was a moment ago does not tell how it moves
+            still = bool(state.lost) or hypothesis.origin not in CONTINUOUS
+            estimate = estimate_pose(state, self._levels, hypothesis, still=still)
+            if estimate is None:
+                continue
+            # of a lost object only what shows it can be nearly right
+            lost = state.lost and pose_evidence(state, estimate) < 0.0
+            # what lay elsewhere a moment ago, whatever was tried, lies there still
+            more = estimate.elsewhere - (0.0 if state.lost else state.elsewhere)
+            if (more > state.numbers.elsewhere or self.falls_short(estimate)) and not lost:
+                other = self._from_farther(estimate, still=still)
+                score = self._score_estimate
+                if other is not None and score(other, hypothesis) > score(estimate, hypothesis):
+                    estimate = other
+                else:
+                    estimate = replace(estimate, confirmed=True)
+            self.found.append(estimate)
+
+    def _is_answered(self, hypothesis: Hypothesis) -> bool:
+        """Whether an answer that shows the object lies where a hypothesis would lead."""
+        state = self._state
+        return any(lead_alike(state.target, hypothesis, e) and pose_evidence(state, e) > 0.0 for e in self.found)
+
+    def _from_farther(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate | None:
+        """A second solution; answers that lead to the same one share it."""
+        target = self._state.target
+        for first, second in self._second:
+            if lead_alike(target, first, estimate):
+                return None if second is None else replace(second, origin=estimate.origin)
+        P, reach = estimate.P + target.noise_of_motion, target.numbers.wide * target.size
+        farther = Hypothesis(estimate.origin, estimate.G, P, reach)
+        found = estimate_pose(self._state, self._levels, farther, again=True, still=still)
+        self._second.append((estimate, found))
+        if found is not None:
+            self._second.append((found, found))
+        return found
+
+    def missing_texture(self, estimate: PoseEstimate) -> float:
+        """By how much the evidence of the surface falls short of what it would be if its patches looked as usual."""
+        return expected_texture(self._state, estimate) - texture_evidence(self._state, estimate)
+
+    def falls_short(self, estimate: PoseEstimate) -> bool:
+        """Whether much less of the surface is seen than usual, as where only its coarse patches found their place."""
+        if not sum(self._state.target.counts):
+            return False
+        usual = expected_texture(self._state, estimate)
+        return texture_evidence(self._state, estimate) < LEAST_OF_USUAL * usual
+
+    def _score_estimate(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
+        """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
+        away: Floats = self._state.target.difference(hypothesis.G, estimate.G)
+        distance = float(away @ np.linalg.solve(hypothesis.P, away))
+        freedom = self._state.numbers.prior_freedom
+        prior = -0.5 * (freedom + len(away)) * math.log1p(distance / freedom)
+        return pose_evidence(self._state, estimate) + prior

@@ -24,11 +24,13 @@ from grasptrack.matching import Match, MatchOutcome, Sampled, find_symmetries, j
 from grasptrack.segmentation.candidate import Candidate, contains_pixel
 from grasptrack.segmentation.first_look import find_candidates
 from grasptrack.tracking.camera import Beforehand
-from grasptrack.tracking.decision import Decision, check_strategy_contacts, max_contact_distance, texture_evidence
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
+from grasptrack.tracking.decision import Decision, check_strategy_contacts
+from grasptrack.tracking.estimator import first_state
+from grasptrack.tracking.evidence import texture_evidence
 from grasptrack.tracking.follower import REGISTRATION
 from grasptrack.tracking.messages import Reason
-from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
+from grasptrack.tracking.pose import Hypothesis, PoseEstimate, max_contact_distance
 from grasptrack.tracking.redetection import Keypoints
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
@@ -39,7 +41,6 @@ from grasptrack.tracking.single import (
     told_apart,
     turned_hypotheses,
 )
-from grasptrack.tracking.state import first_state
 from grasptrack.tracking.strategies import Carried, Silhouettes, Snakes
 from grasptrack.tracking.target import build_pyramid
 from grasptrack.transfer import strategy_names
@@ -141,14 +142,14 @@ def transfer_between_images(
         SourceError, InputError: an image or mask that cannot be used.
         AmbiguousError: the outline fits itself in every turn, as a disc does, and no surface tells how far it turned.
     """
-    numbers = NUMBERS.with_risk(risk)
-    before, colours = to_bgr(first), to_bgr(second)
+    colours = to_bgr(second)
     said = (said or FirstImage()).within(colours.shape)
+    asked = _Asked(grasp, reference, to_bgr(first), colours, friction, said, risk)
     outline = Sampled(reference)
     try:
-        found, ways, told = _by_outline(colours, outline, said)
+        found, ways, told = _by_outline(asked, outline)
     except (ObservationError, TransferError) as problem:
-        scene = _Scene(grasp, reference, before, colours, None, friction, said, numbers, focal)
+        scene = _Scene(asked, None, focal)
         decision = scene.decided(scene.by_keypoints())
         if not decision.accepted:
             raise problem from None
@@ -156,7 +157,7 @@ def transfer_between_images(
     assert told.best is not None
     alike = [told.best, *told.others]
     worse = [m for m in ways if not any(m is known for known in alike)]
-    scene = _Scene(grasp, reference, before, colours, found, friction, said, numbers, focal)
+    scene = _Scene(asked, found, focal)
     made = [(m, e) for m in alike if (e := scene.by_match(m)) is not None]
     by_worse = [scene.by_match(m) for m in worse]
     every = [*(e for _, e in made), *by_worse, *scene.by_keypoints()]
@@ -168,7 +169,7 @@ def transfer_between_images(
     decisions = [scene.decided([e, *by_worse]) for _, e in made]
     chosen = next((i for i, each in enumerate(decisions) if scene.is_sure(each)), 0)
     own, decision = made[chosen][1], scene.decided([made[chosen][1], *by_worse])
-    others = [e for _, e in made if not same_place(e, own, numbers)]
+    others = [e for _, e in made if not same_place(e, own, NUMBERS)]
     places = scene.places(own, others)
     if not places:
         decision = scene.decided(every)
@@ -178,10 +179,20 @@ def transfer_between_images(
     return scene.pair(decision, left, turns, scene.target.homography(own.G), places)
 
 
-def _by_outline(
-    colours: NDArray[np.uint8], outline: Sampled, said: FirstImage
-) -> tuple[Candidate, list[Match], MatchOutcome]:
-    """The object of an image that an outline fits best, the ways in which it does, and what they amount to.
+class _Asked(NamedTuple):
+    """What is asked: as of `transfer_between_images`, both images in BGR."""
+
+    grasp: Grasp
+    view: View
+    first: NDArray[np.uint8]
+    second: NDArray[np.uint8]
+    friction: float
+    said: FirstImage
+    risk: float
+
+
+def _by_outline(asked: _Asked, outline: Sampled) -> tuple[Candidate, list[Match], MatchOutcome]:
+    """The object of the second image that an outline fits best, the ways in which it does, and what they amount to.
 
     Raises:
         ObservationError: no object.
@@ -189,7 +200,7 @@ def _by_outline(
     """
     if find_symmetries(outline).continuous:
         raise AmbiguousError("the outline fits itself in every turn: nothing tells how far it turned")
-    found, ways = _most_alike(find_candidates(colours, said), outline)
+    found, ways = _most_alike(find_candidates(asked.second, asked.said), outline)
     told = judge_hypotheses(ways)
     if told.best is None:
         raise TransferError(f"no object with this outline was found: {told.reason}")
@@ -197,34 +208,31 @@ def _by_outline(
 
 
 class _Scene:
-    """Both images, the first with its object as a target, and that object alone as the strategies see it."""
+    """Both images, the first with its object as a target, and that object alone as the strategies see it.
 
-    def __init__(
-        self,
-        grasp: Grasp,
-        reference: View,
-        first: NDArray[np.uint8],
-        second: NDArray[np.uint8],
-        found: Candidate | None,
-        friction: float,
-        said: FirstImage,
-        numbers: Numbers,
-        focal: Beforehand | None,
-    ) -> None:
-        self._numbers, self._strict = numbers, NUMBERS.learning(numbers.risk)
-        self._grasp, self._view, self._friction, self._said = grasp, reference, friction, said
-        self._found = found
+    Args:
+        asked: the question.
+        found: the object in the second image, if its outline was found.
+        focal: as of `transfer_between_images`.
+    """
+
+    def __init__(self, asked: _Asked, found: Candidate | None, focal: Beforehand | None) -> None:
+        self._asked, self._found = asked, found
+        self._strict = NUMBERS.learning(asked.risk).risk
         channel = PLAIN if found is None else found.channel
-        self._first, self._second = channel.grey(first), channel.grey(second)
+        self._first, self._second = channel.grey(asked.first), channel.grey(asked.second)
         before, self._levels = build_pyramid(self._first), build_pyramid(self._second)
-        same_size = said.hidden is not None and said.hidden.shape == self._first.shape
-        self.target = make_target(before, reference, grasp.contacts, NUMBERS, said.hidden if same_size else None)
-        self._state = first_state(self.target, before, NUMBERS, focal)
+        hidden = asked.said.hidden
+        if hidden is not None and hidden.shape != self._first.shape:
+            hidden = None
+        numbers = NUMBERS.with_risk(asked.risk)
+        self.target = make_target(before, asked.view, asked.grasp.contacts, numbers, hidden)
+        self._state = first_state(self.target, before, focal)
         self._standing: list[PoseEstimate] = []
 
     def by_match(self, way: Match) -> PoseEstimate | None:
         """One way in which the outlines lie on each other, made exact."""
-        return self._refine_hypothesis(pose_hypothesis(self.target, "match", way.homography, NUMBERS))
+        return self._refine_hypothesis(pose_hypothesis(self.target, "match", way.homography))
 
     def by_keypoints(self) -> list[PoseEstimate | None]:
         """The pose on which keypoints of the surface agree, made exact, and the turns of it in which its outline fits as well;
@@ -235,31 +243,31 @@ class _Scene:
         own = self._refine_hypothesis(Hypothesis("keypoints", G, self.target.noise_of_guess))
         if own is None or not self._covers_given_pixel(own):
             return []
-        return [own, *(self._refine_hypothesis(way) for way in turned_hypotheses(self.target, own, NUMBERS))]
+        return [own, *(self._refine_hypothesis(way) for way in turned_hypotheses(self.target, own))]
 
     def _covers_given_pixel(self, estimate: PoseEstimate) -> bool:
         """Whether an estimate covers the pixels of the object that were given, if any were."""
         H = self.target.homography(estimate.G)
-        return all(contains_pixel(self._view.transformed(H), *at) for at in self._said.object_at)
+        return all(contains_pixel(self._asked.view.transformed(H), *at) for at in self._asked.said.object_at)
 
     def _refine_hypothesis(self, hypothesis: Hypothesis) -> PoseEstimate | None:
-        return single_estimate(self.target, self._state, self._levels, hypothesis, NUMBERS)
+        return single_estimate(self._state, self._levels, hypothesis)
 
     def decided(self, estimates: list[PoseEstimate | None]) -> Decision:
         """What is decided of some estimates, which stand against those that strategies will ask for."""
         self._standing = [e for e in estimates if e is not None]
-        return decide_single(self.target, self._state, self._standing, self._numbers)
+        return decide_single(self._state, self._standing)
 
     def is_sure(self, decision: Decision) -> bool:
         """Whether a decision is accepted also at the default risk: what the user takes at a higher one is no surer for it."""
-        return decision.at(self._strict.risk).accepted
+        return decision.at(self._strict).accepted
 
     def settled(self, decision: Decision, told: MatchOutcome) -> MatchOutcome:
         """What the outlines amount to once it is decided: where they slide along each other, only the surface tells."""
         assert told.best is not None
         estimate, best = decision.estimate, told.best
-        shown = 0.0 if estimate is None else texture_evidence(estimate, self._state.usual, NUMBERS)
-        if NUMBERS.temper * shown >= -math.log(self._strict.risk) or (told.others and not best.slides):
+        shown = 0.0 if estimate is None else texture_evidence(self._state, estimate)
+        if NUMBERS.temper * shown >= -math.log(self._strict) or (told.others and not best.slides):
             return MatchOutcome("matched", best, [], "")
         return told
 
@@ -276,11 +284,11 @@ class _Scene:
         """
         distinct = [own]
         for e in others:
-            if not any(same_place(e, known, self._numbers) for known in distinct):
+            if not any(same_place(e, known, NUMBERS) for known in distinct):
                 distinct.append(e)
         if len(distinct) == 1:
             return ()
-        seen = [NUMBERS.temper * max(0.0, texture_evidence(e, self._state.usual, NUMBERS)) for e in distinct]
+        seen = [NUMBERS.temper * max(0.0, texture_evidence(self._state, e)) for e in distinct]
         weights = [math.exp(each - max(seen)) for each in seen]
         return tuple(
             Place(e.contacts, weight / sum(weights), self._relative_turn(own, e))
@@ -290,7 +298,7 @@ class _Scene:
     def _relative_turn(self, own: PoseEstimate, other: PoseEstimate) -> float:
         """Degrees by which the object lies turned in one estimate against another."""
         back = np.linalg.inv(self.target.homography(own.G))
-        centre = self._view.outer.points.mean(axis=0)
+        centre = self._asked.view.outer.points.mean(axis=0)
         return math.degrees(rotation_at(back @ self.target.homography(other.G), *centre.tolist()))
 
     def _rival_places(self, decision: Decision) -> tuple[Place, ...]:
@@ -322,7 +330,7 @@ class _Scene:
         if decision.estimate is not None:
             H = self.target.homography(decision.estimate.G)
         assert H is not None
-        current = self._view.transformed(H) if self._found is None else self._found.view
+        current = self._asked.view.transformed(H) if self._found is None else self._found.view
         share = places[0].share if places else 1.0
         outcomes = [
             self._registration_outcome(decision),
@@ -335,11 +343,11 @@ class _Scene:
         if estimate is None:
             return Outcome(REGISTRATION, None, None, None, math.nan, _refusal_sentence(decision))
         H = self.target.homography(estimate.G)
-        again = self._refine_hypothesis(pose_hypothesis(self.target, REGISTRATION, H, NUMBERS))
+        again = self._refine_hypothesis(pose_hypothesis(self.target, REGISTRATION, H))
         off = math.nan if again is None else max_contact_distance(again.contacts, estimate.contacts)
         reason, analysis = _refusal_sentence(decision), None
         try:
-            analysis = analyze(self._grasp, self._view, self._friction, judged_in="reference")
+            analysis = analyze(self._asked.grasp, self._asked.view, self._asked.friction, judged_in="reference")
         except GraspTrackError as problem:
             reason = reason or str(problem)
         return Outcome(REGISTRATION, estimate.contacts, H, analysis, off, reason, decision.confidence, decision.code)
@@ -351,15 +359,15 @@ class _Scene:
         except GraspTrackError as problem:
             return Outcome(name, None, None, None, math.nan, str(problem))
         contacts, carried = moved.contacts, moved.homography
-        own = self._refine_hypothesis(pose_hypothesis(self.target, name, carried, NUMBERS))
+        own = self._refine_hypothesis(pose_hypothesis(self.target, name, carried))
         estimates = [*self._standing, *([] if own is None else [own])]
-        decision = check_strategy_contacts(decide_single(self.target, self._state, estimates, self._numbers), contacts)
+        decision = check_strategy_contacts(decide_single(self._state, estimates), contacts)
         decision = decision.among(share)
         estimate, reason, analysis = decision.estimate, _refusal_sentence(decision), None
         off = math.nan if estimate is None else max_contact_distance(contacts, estimate.contacts)
         try:
             back = Grasp.of(apply_homography(np.linalg.inv(carried), contacts))
-            analysis = analyze(back, self._view, self._friction, judged_in="reference")
+            analysis = analyze(back, self._asked.view, self._asked.friction, judged_in="reference")
         except GraspTrackError as problem:
             reason = reason or str(problem)
         return Outcome(name, contacts, carried, analysis, off, reason, decision.confidence, decision.code)
@@ -374,8 +382,8 @@ class _Scene:
         corner, piece = self._crop_first_image()
         back = np.array([[1.0, 0.0, -corner[0]], [0.0, 1.0, -corner[1]], [0.0, 0.0, 1.0]])
         grasp, view = (
-            Grasp(self._grasp.contacts - corner),
-            View([_shift_contour(c, corner) for c in self._view.contours]),
+            Grasp(self._asked.grasp.contacts - corner),
+            View([_shift_contour(c, corner) for c in self._asked.view.contours]),
         )
         prior = normalize_homography(H @ np.linalg.inv(back))
         extractor = Snakes(grasp, view, piece) if name == "rrp" else Silhouettes(name, grasp, view)
@@ -384,8 +392,8 @@ class _Scene:
 
     def _crop_first_image(self) -> tuple[Floats, Grey]:
         """(2,) px of the corner, and the piece of the first image round the object."""
-        points = self._view.outer.points
-        margin = max(MARGIN * math.sqrt(self._view.outer.area), MARGIN_PX)
+        points = self._asked.view.outer.points
+        margin = max(MARGIN * math.sqrt(self._asked.view.outer.area), MARGIN_PX)
         left, top = (max(0, int(v)) for v in (points.min(axis=0) - margin).tolist())
         right, bottom = (int(v) + 1 for v in (points.max(axis=0) + margin).tolist())
         return np.array([left, top], dtype=np.float64), np.ascontiguousarray(self._first[top:bottom, left:right])

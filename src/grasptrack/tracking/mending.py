@@ -8,7 +8,8 @@ showed.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -22,17 +23,16 @@ from grasptrack.kernels import LEAST_SPREAD
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.first_look import find_candidates
 from grasptrack.statistics import robust_sd
-from grasptrack.tracking.decision import Decision, surface_evidence
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
+from grasptrack.tracking.decision import Decision
+from grasptrack.tracking.estimator import estimate_pose
+from grasptrack.tracking.evidence import texture_evidence
+from grasptrack.tracking.learning import FOLLOWED_PRESENCE
 from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.pose import Hypothesis, Look, PoseEstimate
 from grasptrack.tracking.selection import make_target
-from grasptrack.tracking.state import FOLLOWED, Look, TrackState
+from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target, as_grey, build_pyramid
 from grasptrack.typing import Bools, Floats
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
 
 VIEWS = 6
 """Later views of which a second look at the first view is made, ..."""
@@ -155,7 +155,7 @@ class Mender:
         if decision.accepted:
             self._accepted += 1
             return True
-        placed = decision.presence > FOLLOWED and 2.0 * decision.sigma < decision.tolerance
+        placed = decision.presence > FOLLOWED_PRESENCE and 2.0 * decision.sigma < decision.tolerance
         return not self._accepted and decision.code == "other-shape" and placed
 
     def _longest_open(self) -> float:
@@ -208,7 +208,7 @@ class Mender:
         assert trial is not None
         # the first outline may have drawn the pose along
         near = Hypothesis(e.origin, e.G, e.P + numbers.predicted**2 * self._target.noise_of_motion)
-        other = estimate_pose(trial.target, state, levels, near)
+        other = estimate_pose(replace(state, target=trial.target), levels, near)
         if other is not None and trial.apart.any():
             trial.seen.append(float(other.visible[trial.apart].mean()))
             if len(trial.seen) < TRIALS:
@@ -232,7 +232,7 @@ class Mender:
         if self._accepted >= TRIALS:
             return True
         numbers = self._target.numbers
-        surface = surface_evidence(e.correlation, state.usual, numbers)[0]
+        surface = texture_evidence(state, e)
         another = numbers.exchanged * max(numbers.same_surface, math.exp(-max(0.0, surface)))
         return another / (another + trial.prior(numbers)) < numbers.risk
 
@@ -360,8 +360,9 @@ def _share_on_outline(candidate: Candidate, edges: Floats) -> float:
 
 def _shift_view(view: View, by: Floats) -> View:
     """The same outline moved by (x, y) px."""
-    contours: Sequence[Contour] = view.contours
-    return View([Contour.trusted(c.points + by, hole=c.hole, strength=c.strength, clipped=c.clipped) for c in contours])
+    return View(
+        [Contour.trusted(c.points + by, hole=c.hole, strength=c.strength, clipped=c.clipped) for c in view.contours]
+    )
 
 
 def _material_mask(view: View, shape: tuple[int, ...]) -> Grey:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,17 +18,13 @@ from grasptrack.segmentation.candidate import Candidate, sign_of
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import Silhouette
 from grasptrack.statistics import robust_sd
-from grasptrack.tracking.decision import TURNED, pose_evidence, wrong_object_probability
-from grasptrack.tracking.estimator import CONTINUOUS, Hypothesis, PoseEstimate, lead_alike, sane_area
-from grasptrack.tracking.hypotheses import FEW
-from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.evidence import pose_evidence, wrong_object_probability
+from grasptrack.tracking.hypotheses import MIN_PLACES
+from grasptrack.tracking.pose import CONTINUOUS, TURNED, Hypothesis, Look, PoseEstimate, lead_alike, sane_area
+from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import GUESSED_TILT, Grey, Target
 from grasptrack.transfer.alignment import as_similarity, find_alignments
 from grasptrack.typing import Floats
-
-if TYPE_CHECKING:
-    from grasptrack.tracking.state import Look, TrackState
-
 
 # --- keypoints ------------------------------------------------------------------------------------
 
@@ -377,21 +373,18 @@ WAYS = 6
 """Poses that are solved for outlines: the ways in which one fits itself are rivals, and all have to be heard."""
 
 
-def best_sighted_pose(
-    state: TrackState, estimates: list[PoseEstimate], steps: float, numbers: Numbers
-) -> Floats | None:
+def best_sighted_pose(state: TrackState, estimates: list[PoseEstimate], steps: float) -> Floats | None:
     """(3, 3) of what continuity did not give and may be the object, the pose for which there is most evidence; or None.
 
     Args:
         state: of the object.
         estimates: of the image.
         steps: how long the object may have gone unseen, in frames of free motion.
-        numbers: the core's.
     """
     found = [
-        (pose_evidence(e, state.usual, numbers), e)
+        (pose_evidence(state, e), e)
         for e in estimates
-        if e.origin not in (*CONTINUOUS, TURNED) and wrong_object_probability(state, e, steps, numbers) < 0.5
+        if e.origin not in (*CONTINUOUS, TURNED) and wrong_object_probability(state, e, steps) < 0.5
     ]
     best = max(found, key=lambda pair: pair[0], default=None)
     return None if best is None or best[0] <= 0.0 else best[1].G
@@ -418,7 +411,7 @@ def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats) ->
     sides = [target.points + sign * depth * target.normals for sign in (-1.0, 1.0)]
     inside, ground = (_sample_grey_levels(look.levels[0], look.G, points) for points in sides)
     inside_now, ground_now = (_sample_grey_levels(levels[0], G, points) for points in sides)
-    if np.isfinite(ground).sum() < FEW or np.isfinite(inside_now + ground_now).mean() < 0.5:
+    if np.isfinite(ground).sum() < MIN_PLACES or np.isfinite(inside_now + ground_now).mean() < 0.5:
         return False
     level = float(np.nanmedian(ground))
     spread = robust_sd(ground - level, np.nanmedian) + target.noise + 2.0

@@ -8,84 +8,78 @@ from dataclasses import replace
 
 import numpy as np
 
-from grasptrack.tracking.decision import (
-    LONG,
-    TURNED,
-    Decision,
-    Expected,
-    any_of,
-    contact_tolerance,
-    decide_pose,
-    max_contact_distance,
-    pose_evidence,
-    texture_evidence,
-)
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
+from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, any_of, decide_pose
+from grasptrack.tracking.estimator import estimate_pose
+from grasptrack.tracking.evidence import other_surface_odds, pose_evidence, surface_evidence
 from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.pose import TURNED, Hypothesis, PoseEstimate, contact_tolerance, max_contact_distance
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
 
-UNCERTAIN = 4.0
+DOUBTED_TEXTURE = 4.0
 """Grey levels of texture that compression, light and dust make in one image, and another of the same surface need not show."""
-PRESENT = 0.5
+UNKNOWN_PRESENCE = 0.5
 """Prior probability that an image of which nothing is known shows the object."""
 
 
-def pose_hypothesis(target: Target, origin: str, H: Floats, numbers: Numbers) -> Hypothesis:
+def pose_hypothesis(target: Target, origin: str, H: Floats) -> Hypothesis:
     """The object may be where a homography H_current_reference (3, 3) puts it, give or take what a frame may change."""
     return Hypothesis(origin, target.pose(H), target.noise_of_guess)
 
 
-def single_estimate(
-    target: Target, state: TrackState, levels: list[Grey], hypothesis: Hypothesis, numbers: Numbers
-) -> PoseEstimate | None:
+def turned_hypotheses(target: Target, estimate: PoseEstimate) -> list[Hypothesis]:
+    """The object as estimated, but for each of the turns in which its outline fits itself."""
+    return [Hypothesis(TURNED, estimate.G @ T, target.noise_of_guess) for T in target.turns]
+
+
+def single_estimate(state: TrackState, levels: list[Grey], hypothesis: Hypothesis) -> PoseEstimate | None:
     """One hypothesis made exact in an image of which no image before tells anything.
 
     Texture that the two images share by chance pulls a loose pose away, a tight one may stay beside its edges: both are
     tried, and the one for which there is more evidence is taken.
 
     Args:
-        target, state: of the object.
+        state: of the object.
         levels: the image's pyramid.
         hypothesis: where it may be.
-        numbers: the core's.
     """
+    target, numbers = state.target, state.numbers
 
     def solved(G: Floats, P: Floats, reach: float = 0.0) -> list[PoseEstimate]:
         # between two images without a time nothing moved while it was exposed
         trial = Hypothesis(hypothesis.origin, G, P, reach)
-        found = estimate_pose(target, state, levels, trial, again=reach > 0.0, still=True)
+        found = estimate_pose(state, levels, trial, again=reach > 0.0, still=True)
         return [] if found is None else [found]
 
     found = [e for share in (1.0, numbers.predicted) for e in solved(hypothesis.G, hypothesis.P * share**2)]
     for e in found[:]:
         if e.elsewhere > numbers.elsewhere:
             found += solved(e.G, e.P + target.noise_of_guess, numbers.wide * target.size)
-    return max(found, key=lambda e: pose_evidence(e, state.usual, numbers), default=None)
+    return max(found, key=lambda e: pose_evidence(state, e), default=None)
 
 
-def decide_single(target: Target, state: TrackState, estimates: list[PoseEstimate], numbers: Numbers) -> Decision:
+def decide_single(state: TrackState, estimates: list[PoseEstimate]) -> Decision:
     """The most probable of some estimates of one image, wherever it lies.
 
     No continuity says that it is this object and not another of its outline: what its surface does not show counts at once.
     """
-    decision = decide_pose(state, estimates, Expected(target.contacts, LONG), PRESENT, numbers)
+    decision = decide_pose(state, estimates, Expected(state.target.contacts, UNKNOWN_PRESENCE, ANYWHERE_STEPS))
     own = decision.estimate
     if own is None:
         return decision
-    odds = numbers.exchanged * math.exp(
-        min(50.0, -texture_evidence(own, _certain_correlations(target, state), numbers))
-    )
+    surface = surface_evidence(own.correlation, _certain_correlations(state), state.numbers)
+    odds = other_surface_odds(surface.log_odds, state.numbers)
     other = odds / (1.0 + odds)
     doubt = "other-surface" if other > decision.probability_off else decision.doubt
     off, exchanged = any_of(decision.probability_off, other), any_of(decision.exchanged, other)
     return replace(decision, probability_off=off, exchanged=exchanged, doubt=doubt)
 
 
-def _certain_correlations(target: Target, state: TrackState) -> list[Floats]:
-    """What is usual of each patch, were the noise of the first image `UNCERTAIN`, and so only as far as its texture is more."""
-    ratio = (target.noise / max(target.noise, UNCERTAIN)) ** 2
+def _certain_correlations(state: TrackState) -> list[Floats]:
+    """What is usual of each patch, had the first image so much noise that only texture that is surely its own is more."""
+    noise = state.target.noise
+    ratio = (noise / max(noise, DOUBTED_TEXTURE)) ** 2
     found = []
     for usual in state.usual:
         signal = (1.0 + usual) / np.maximum(1.0 - usual, 1e-9) * ratio  # variance over that of the noise
@@ -93,16 +87,9 @@ def _certain_correlations(target: Target, state: TrackState) -> list[Floats]:
     return found
 
 
-def told_apart(state: TrackState, one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
-    """Whether the image has so much more evidence for one estimate than for another as the risk asks for."""
-    gained = pose_evidence(one, state.usual, numbers) - pose_evidence(other, state.usual, numbers)
-    return gained >= -math.log(numbers.risk)
-
-
-def turned_hypotheses(target: Target, estimate: PoseEstimate, numbers: Numbers) -> list[Hypothesis]:
-    """The object as estimated, but for each of the turns in which its outline fits itself."""
-    P = target.noise_of_guess
-    return [Hypothesis(TURNED, estimate.G @ T, P) for T in target.turns]
+def told_apart(state: TrackState, one: PoseEstimate, other: PoseEstimate, risk: float) -> bool:
+    """Whether the image has so much more evidence for one estimate than for another as a risk asks for."""
+    return pose_evidence(state, one) - pose_evidence(state, other) >= -math.log(risk)
 
 
 def same_place(one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:

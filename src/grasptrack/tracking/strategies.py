@@ -19,10 +19,10 @@ from grasptrack.images import Grey
 from grasptrack.segmentation.outline_detector import ANYWHERE, OutlineDetector
 from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.camera import Beforehand
-from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.follower import AUTO, Follower, Moved, Proposal, Registration
 from grasptrack.tracking.messages import Reason
-from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
+from grasptrack.tracking.numbers import DEFAULT_RISK
+from grasptrack.tracking.pose import Hypothesis
 from grasptrack.tracking.redetection import wide_prior
 from grasptrack.transfer import rrp, strategy_named
 from grasptrack.transfer.alignment import as_similarity, find_alignments
@@ -74,11 +74,10 @@ def carrier_for(
         TransferError: the strategy cannot describe the grasp on this outline.
     """
     extractor = None if strategy == AUTO else _make_extractor(strategy, grasp, view, grey)
-    numbers = NUMBERS.learning(risk)
-    follower = Follower(grey, view, grasp.contacts, time, observer.hidden, numbers, observer, before)
+    follower = Follower(grey, view, grasp.contacts, time, observer, risk, before)
     if extractor is None:
-        return Registration(follower, risk)
-    return Alone(strategy, follower, extractor, observer, risk)
+        return Registration(follower)
+    return Alone(strategy, follower, extractor, observer)
 
 
 # --- the paper's strategies ----------------------------------------------------------------------
@@ -188,13 +187,10 @@ class Alone:
         follower: of the object.
         extractor: the strategy.
         observer: finds contours; it has been told which object is meant.
-        risk: probability below which an answer may be wrong.
     """
 
-    def __init__(
-        self, name: str, follower: Follower, extractor: Extractor, observer: OutlineDetector, risk: float = DEFAULT_RISK
-    ) -> None:
-        self.name, self.follower, self._risk = name, follower, risk
+    def __init__(self, name: str, follower: Follower, extractor: Extractor, observer: OutlineDetector) -> None:
+        self.name, self.follower = name, follower
         self._extractor, self._observer = extractor, observer
         view = follower.target.view
         self._reference = view
@@ -217,7 +213,7 @@ class Alone:
             self._observer.believe(chosen.view)
         else:
             self._missed += 1
-        answer = decision.at(self._risk)
+        answer = decision.at(self.follower.risk)
         if answer.estimate is None or not answer.accepted:
             return Moved(answer, reason=Reason(answer.code, answer.figures))
         covariance = self.follower.pose_covariance(answer.estimate)

@@ -30,8 +30,6 @@ from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
 from grasptrack.segmentation.undistortion import Undistortion
 from grasptrack.tracking.camera import Beforehand, rectifying_view
-from grasptrack.tracking.decision import contact_tolerance
-from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import AUTO, Follower, Moved
 from grasptrack.tracking.initialization import (
     FirstScene,
@@ -44,6 +42,7 @@ from grasptrack.tracking.initialization import (
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.plane import UNKNOWN, Distance, Ruler, make_ruler
+from grasptrack.tracking.pose import PoseEstimate, contact_tolerance
 from grasptrack.tracking.result import LocatedResult, TrackResult, UnlocatedResult
 from grasptrack.tracking.strategies import Carrier
 from grasptrack.transfer import STRATEGIES, strategy_names
@@ -314,7 +313,7 @@ class GraspTracker:
         return _located_result(
             moment,
             track,
-            closure.first(follower.plane.rectifications),
+            closure.first(follower.state.plane.rectifications),
             np.eye(3),
             np.zeros((9, 9)),
             contacts=grasp.contacts,
@@ -331,7 +330,7 @@ class GraspTracker:
 
     def _ruler(self, follower: Follower) -> Ruler | None:
         """What tells how far the object is, where its length was told."""
-        return None if self.length is None else make_ruler(follower.target, follower.plane, self.length)
+        return None if self.length is None else make_ruler(follower.target, follower.state.plane, self.length)
 
     def _on_mended(self, track: Track) -> Track:
         """The same grasp, judged on the outline that the first view has by now."""
@@ -355,7 +354,7 @@ class GraspTracker:
         ):
             sure = moved.decision.confidence
             return _make_result(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure)
-        target, plane = track.follower.target, track.follower.plane
+        target, plane = track.follower.target, track.follower.state.plane
         H, homography_covariance = target.homography_and_covariance(estimate.G, moved.covariance)
         if track.false_edge:  # fingers would close on nothing
             if self._resynthesize:
@@ -495,7 +494,7 @@ def _located_result(
         C: (9, 9) of its entries.
         **found: what else the result has.
     """
-    plane, chance = track.follower.plane, judged.chance
+    plane, chance = track.follower.state.plane, judged.chance
     tilt, distance = plane.tilt(H, C), track.distance(H, C)
     status, reason = _judged_status(judged, chance, plane.rectifications.told)
     return _make_result(

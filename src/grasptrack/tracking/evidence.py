@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Log-likelihood ratios: what surface and outline of an estimate say for the object, and against it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from grasptrack import kernels
+from grasptrack.kernels.results import SurfaceEvidence
+from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.pose import SAME_PLACE, PoseEstimate
+from grasptrack.tracking.state import TrackState
+from grasptrack.typing import Floats
+
+SHARES_MISSING = np.linspace(0.02, 0.98, 25)
+"""Shares of a surface that may be occluded, changed or glaring."""
+
+
+def _log_prior(power: float) -> Floats:
+    """Logs of the priors of `SHARES_MISSING`, of which the share that is left is taken to a power."""
+    left = (1.0 - SHARES_MISSING) ** power
+    return np.asarray(np.log(left / left.sum()), dtype=np.float64)
+
+
+USUAL_PRIOR = _log_prior(2)
+"""The more is missing the less probable."""
+OUTLINE_PRIOR = _log_prior(12)
+"""The same where the outline shows that little is occluded."""
+ANY_PRIOR = np.full(len(SHARES_MISSING), -math.log(len(SHARES_MISSING)))
+"""Any share is as probable as any other."""
+LEAST_CLEAR = 0.01
+"""Share of the outline that counts as clear at least, where its logarithm is taken."""
+MOST_HIDDEN = 0.999
+"""Share that counts as occluded, or elsewhere, at most, where the logarithm of the rest is taken."""
+SUDDEN = math.log(100.0)
+"""Odds against light that hides edges from one image to the next."""
+EXCHANGED = 0.1
+"""Prior probability that something else lies in its place, after an image that showed it."""
+MAX_EXPONENT = 50.0
+"""Of odds: beyond it nothing changes."""
+
+
+def surface_evidence(
+    correlation: list[Floats], usual: list[Floats], numbers: Numbers, log_prior: Floats = USUAL_PRIOR
+) -> SurfaceEvidence:
+    """What the patches' correlations say for this surface against another one, given those that are usual.
+
+    A share of each level is missing; `by_share` has the same by the share, where all levels have the same.
+    """
+    spreads = numbers.match_spread, numbers.chance_spread, numbers.patch_share
+    return kernels.surface_evidence(correlation, usual, SHARES_MISSING, log_prior, *spreads)
+
+
+def missing_evidence(surface: SurfaceEvidence) -> float:
+    """Log-likelihood ratio of the same surface on another outline, any share of it missing, against an occluder."""
+    return _log_marginal(surface.by_share, ANY_PRIOR) - _log_marginal(surface.by_share, OUTLINE_PRIOR)
+
+
+def texture_evidence(state: TrackState, estimate: PoseEstimate) -> float:
+    """Log-likelihood ratio of an estimate's surface: this one against another one."""
+    return surface_evidence(estimate.correlation, state.usual, state.numbers).log_odds
+
+
+def unoccluded_evidence(state: TrackState, estimate: PoseEstimate) -> float:
+    """The same where the outline shows that little of it is occluded."""
+    return surface_evidence(estimate.correlation, state.usual, state.numbers, OUTLINE_PRIOR).log_odds
+
+
+def expected_texture(state: TrackState, estimate: PoseEstimate) -> float:
+    """What `texture_evidence` would be if the patches looked as they usually do."""
+    as_usual = [u + 0.0 * r for u, r in zip(state.usual, estimate.correlation, strict=True)]
+    return surface_evidence(as_usual, state.usual, state.numbers).log_odds
+
+
+def outline_evidence(estimate: PoseEstimate, numbers: Numbers) -> float:
+    """Log-likelihood ratio of an estimate's outline: this object there, partly occluded, against nothing of its kind."""
+    clear = max(1.0 - estimate.covered, LEAST_CLEAR)
+    return numbers.temper * estimate.log_odds + numbers.cover_power * math.log(clear)
+
+
+def pose_evidence(state: TrackState, estimate: PoseEstimate) -> float:
+    """Log-likelihood ratio of an estimate, by surface and outline."""
+    surface = max(0.0, texture_evidence(state, estimate))
+    return state.numbers.temper * surface + outline_evidence(estimate, state.numbers)
+
+
+def outline_surprisal(estimate: PoseEstimate, numbers: Numbers) -> float:
+    """Minus the log of the probability of an outline of which so much lies elsewhere or is occluded."""
+    if not len(estimate.other):
+        return 0.0
+    elsewhere = power_surprisal(estimate.elsewhere, numbers.elsewhere_power)
+    return elsewhere + power_surprisal(estimate.covered, numbers.cover_power)
+
+
+def power_surprisal(share: float, power: float) -> float:
+    """Minus the log of the probability of a share, that of the rest being taken to a power."""
+    return -power * math.log1p(-min(share, MOST_HIDDEN))
+
+
+def wrong_object_probability(
+    state: TrackState, estimate: PoseEstimate, steps: float, surface: SurfaceEvidence | None = None
+) -> float:
+    """Probability that something else was taken for the object: its outline differs somewhere, or its surface everywhere.
+
+    Args:
+        state: of the object.
+        estimate: of what was seen.
+        steps: how long the object may have gone unseen, in frames of free motion.
+        surface: that of the estimate, where it is known already.
+    """
+    numbers = state.numbers
+    surface = surface or surface_evidence(estimate.correlation, state.usual, numbers)
+    seen = max(0.0, surface.log_odds)
+    shape = max(-seen, math.log(numbers.same_surface))
+    if len(estimate.other):
+        strange = outline_surprisal(estimate, numbers)
+        jump = max(0.0, strange - state.strange)
+        # of the edges that are seen elsewhere, as many as are not usually
+        astray = numbers.temper * max(0.0, estimate.astray) * jump / max(strange, jump, 1e-9)
+        # the surface shows that an outline is the object's though no light shows its edges; it seldom happens at once
+        shape += max(jump - seen, min(jump, _edge_loss_log_odds(state, estimate) + astray))
+        shape += missing_evidence(surface) if state.accepted else 0.0
+        # where the outline is seen nothing differs; one that is seldom seen as it was first tells little
+        shape += (
+            estimate.other_shape * math.exp(-state.strange)
+            if estimate.other_shape > 0.0
+            else math.log(numbers.same_shape) * (1.0 - estimate.covered)
+        )
+    prior = EXCHANGED if state.exchanged else numbers.exchanged
+    # the longer it was not seen the more probably something else was brought
+    prior = min(EXCHANGED, prior + numbers.hazard * state.lost * departure_probability(steps, numbers))
+    odds = prior * math.exp(min(MAX_EXPONENT, shape))
+    if state.accepted:  # until then an image may show another of its kind, or the same in other light
+        odds += other_surface_odds(surface.log_odds, numbers)
+    return odds / (1.0 + odds)
+
+
+def departure_probability(steps: float, numbers: Numbers) -> float:
+    """Probability that an object that moved freely for so many frames left its place, so that another may lie there."""
+    nu = numbers.prior_freedom
+    return float((1.0 + (SAME_PLACE / (numbers.travel * steps)) ** 2 / nu) ** (-0.5 * nu))
+
+
+def other_surface_odds(surface: float, numbers: Numbers) -> float:
+    """Odds of another object with this outline, of the surface's log-likelihood ratio."""
+    return numbers.exchanged * math.exp(min(MAX_EXPONENT, -surface))
+
+
+def _edge_loss_log_odds(state: TrackState, estimate: PoseEstimate) -> float:
+    """Log of the odds against edges that hide from one image to the next: less where they are blurred all at once."""
+    more = max(0.0, estimate.blur - state.blur) if math.isfinite(estimate.blur) else 0.0
+    return SUDDEN / (1.0 + (0.5 * more / state.edge_width) ** 2) if more else SUDDEN
+
+
+def _log_marginal(by_share: Floats, log_prior: Floats) -> float:
+    return float(np.logaddexp.reduce(by_share + log_prior))

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an image teaches of an object, and what remains known of it without: the only changes of a `TrackState`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from grasptrack.tracking.decision import Decision
+from grasptrack.tracking.evidence import outline_surprisal
+from grasptrack.tracking.hypotheses import Predictions
+from grasptrack.tracking.pose import CONTINUOUS, Look, PoseEstimate, mean_point
+from grasptrack.tracking.state import SHORTEST_STEP, TrackState, nothing_visible
+from grasptrack.tracking.target import Grey
+
+EXCHANGE_SEEN = 0.7
+"""Share of the outline that shows from which on what shows another shape lies in the place of the object."""
+BLUR_RATE = 0.2
+"""Share of a new measurement of the blur: shutters keep their time, hands do not keep their speed."""
+SPREAD_RATE = 0.1
+"""Share of a new measurement of the inner spread."""
+LOOK_TO_SPREAD = 1.3
+"""A standard deviation over the median of the inner side's differences, with some room."""
+LEAST_INNER_SPREAD, MOST_INNER_SPREAD = 6.0, 30.0
+"""Grey levels between which the inner spread stays."""
+MEMORY = 10
+"""Images over which it is remembered what is usual, ..."""
+FIRST_IMAGES = 2
+"""... and images for which the likeness that noise allows counts before the first."""
+UNSURE_PRESENCE = 0.5
+"""Most that an image in which nothing was accepted tells of the object's presence."""
+FOLLOWED_PRESENCE = 0.999
+"""Presence from which on what shows another shape or surface is followed all the same, whatever risk is taken."""
+LEAST_WANDER = 0.05
+"""What rests may be pushed: `TrackState.wander` is never less."""
+LEAST_AGILITY = 0.01
+"""Share of the process noise that always remains."""
+
+
+def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEstimate, predictions: Predictions) -> None:
+    """What an image teaches in which the object was located; all of it only if it was accepted.
+
+    Args:
+        state: of the object.
+        levels: the image's pyramid.
+        decision, e: what was found in it, and the decision's estimate.
+        predictions: where it was expected.
+    """
+    target, numbers, steps = state.target, state.numbers, state.steps
+    way = float(np.linalg.norm(target.difference(state.last.G, e.G)))
+    new = min(1.0, way / (numbers.new_view * target.size)) if math.isfinite(way) else 1.0
+    _learn_motion(state, e, predictions)
+    rigid = state.shutter.follow(target, e.G, e.bend, steps)
+    px = math.sqrt(2.0 * float(((e.contacts - target.carried(state.last.G)) ** 2).mean()))
+    moved = 0.0 if state.lost else px * target.size / math.sqrt(e.area) / max(steps, SHORTEST_STEP)
+    state.moved = moved, state.moved[0]
+    state.last, state.visible, state.P = Look(levels, e.G), e.visible, e.P
+    state.presence = _clamp(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
+    state.expected, state.anchored, state.unseen, state.adrift, state.lost = e.G, True, 0.0, 0.0, 0
+    if not decision.accepted:  # where it is, is known only roughly
+        return
+    state.exchanged, state.sighted, state.gone = False, None, False
+    state.slope = math.sqrt(e.P[6, 6] + e.P[7, 7]) / (0.5 * target.size)
+    state.located, state.light = state.last, e.light
+    if state.plane.learn(rigid, e.P):
+        state.nuisance[1:], state.nuisance_covariance[1:, 1:] = state.plane.theta_and_covariance()
+    _learn_thickness(state, e, new)
+    state.shutter.learn(e.readout, e.readout_variance, new)
+    _learn_looks(state, e)
+    if math.isfinite(e.edge_width):
+        state.edge_width = e.edge_width
+    if math.isfinite(e.blur):
+        state.blur = e.blur
+    if math.isfinite(e.blur_share):
+        state.blur_share += BLUR_RATE * (e.blur_share - state.blur_share)
+    if e.look > 0.0:
+        spread = (1.0 - SPREAD_RATE) * state.inner_spread + SPREAD_RATE * LOOK_TO_SPREAD * e.look
+        state.inner_spread = _clamp(spread, LEAST_INNER_SPREAD, MOST_INNER_SPREAD)
+
+
+def lose(
+    state: TrackState, levels: list[Grey], decision: Decision, predictions: Predictions, *, lookalike: bool
+) -> None:
+    """What remains known of an object that was not located.
+
+    Args:
+        state, levels, decision, predictions: as for `learn`.
+        lookalike: the last look at it shows something just like it elsewhere.
+    """
+    state.lookalike = state.lookalike or lookalike
+    e, background = decision.estimate, predictions.background
+    state.lost += 1
+    seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > EXCHANGE_SEEN
+    state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
+    state.velocity, state.elsewhere, state.confirmed = None, 0.0, 0.0
+    state.shutter.lose()
+    # while something is followed that is more probably the object than another shape or surface, its place is known
+    followed = decision.presence > FOLLOWED_PRESENCE and decision.probability_off < 0.5
+    if e is not None and e.origin in CONTINUOUS and followed and decision.code in ("other-shape", "other-surface"):
+        state.expected, state.anchored, state.unseen, state.adrift = e.G, True, 0.0, 0.0
+        state.last, state.P, state.presence = Look(levels, e.G), e.P, UNSURE_PRESENCE
+        state.visible = e.visible
+        return
+    state.visible = nothing_visible()
+    # what shows its outline in its place has not left it, whatever else is wrong
+    at_place = False
+    if e is not None and decision.presence > FOLLOWED_PRESENCE:
+        at_place = e.is_at(mean_point(state.target.carried(state.expected)))
+    state.anchored = state.anchored and background is not None
+    if background is not None and state.anchored:
+        state.expected = background
+        state.last = Look(levels, background)
+        state.unseen += 0.0 if at_place else state.wander
+        state.adrift = 0.0
+    else:
+        passed = 0.0 if at_place else max(1.0, state.steps)
+        state.adrift += passed
+        state.unseen += passed
+        state.last = Look(levels, state.last.G if e is None else e.G)
+    # what looks like it elsewhere looks like it again and again: that makes it no surer
+    state.presence = _clamp(decision.presence, state.numbers.redetected, UNSURE_PRESENCE)
+    if e is not None:
+        state.P = e.P
+
+
+def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predictions) -> None:
+    """How it moves; how far even motion and rest on the background are off."""
+    target, background = state.target, predictions.background
+    if predictions.even is not None:
+        off = target.difference(predictions.even, estimate.G)
+        share = float(off**2 @ target.precision_of_motion) / len(off)
+        if math.isfinite(share):
+            state.moves += 1
+            state.agility = _clamp(_updated(state.agility, share, state.moves), LEAST_AGILITY, 1.0)
+    if background is not None and not state.lost:
+        away = math.dist(estimate.middle, mean_point(target.carried(background)))
+        share = away / math.sqrt(estimate.area) / state.numbers.travel
+        state.wanders += 1
+        state.wander = _clamp(_updated(state.wander, share, state.wanders), LEAST_WANDER, 1.0)
+    velocity = target.difference(state.last.G, estimate.G) / max(state.steps, SHORTEST_STEP)
+    state.velocity_P = state.P + estimate.P
+    state.velocity = velocity if not state.lost and math.isfinite(float(velocity @ velocity)) else None
+
+
+def _updated(mean: float, value: float, count: int) -> float:
+    """A mean over the latest images, with the value of another one, the `count`-th."""
+    return mean + (value - mean) * (1.0 / min(count, MEMORY))
+
+
+def _learn_thickness(state: TrackState, estimate: PoseEstimate, new: float) -> None:
+    """How thick the part is, by an accepted image of which the share `new` (0 to 1) is new.
+
+    Information is averaged rather than added up: much the same view errs as the last one did.
+    """
+    before, after = float(state.nuisance_covariance[0, 0]), float(estimate.nuisance_covariance[0, 0])
+    both = (1.0 - new) * after + new * before
+    thickness = ((1.0 - new) * after * state.nuisance[0] + new * before * estimate.nuisance[0]) / both
+    if not both > 0.0 or not math.isfinite(both) or not math.isfinite(thickness):
+        return
+    state.nuisance[0], state.nuisance_covariance[0, 0] = thickness, after * before / both
+    if math.isfinite(estimate.sides) and thickness**2 > state.nuisance_covariance[0, 0]:  # there are sides
+        state.sides += new * (estimate.sides - state.sides)
+
+
+def _learn_looks(state: TrackState, estimate: PoseEstimate) -> None:
+    """How much of outline and patches usually looks as it did first: noise, reflections and blur make it less."""
+    state.accepted += 1
+    share = 1.0 / (min(state.accepted, MEMORY) + FIRST_IMAGES)
+    state.elsewhere = estimate.elsewhere if estimate.confirmed else min(state.elsewhere, estimate.elsewhere)
+    strange = outline_surprisal(estimate, state.numbers)
+    state.strange += (strange - state.strange) * share
+    state.confirmed = min(state.confirmed, strange)
+    for usual, r in zip(state.usual, estimate.correlation, strict=True):
+        if state.accepted == 1:
+            # what passed for texture in the first image, as JPEG's noise, shows itself in the second
+            np.minimum(usual, r, out=usual, where=np.isfinite(r))
+        np.add(usual, (r - usual) * share, out=usual, where=np.isfinite(r))
+
+
+def _clamp(value: float, low: float, high: float) -> float:
+    """A value within bounds; of one number NumPy's takes longer than all that it is the bound of."""
+    return min(max(value, low), high)

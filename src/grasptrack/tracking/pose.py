@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Poses: where the object may be, what an image makes of that, and how far apart two of them are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from grasptrack import kernels
+from grasptrack.equality import compared_by_value
+from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.target import Grey, Target
+from grasptrack.typing import Floats
+
+CONTINUOUS = ("texture", "background", "at rest", "moving on")
+"""Origins of hypotheses that continue what was."""
+TURNED = "turned"
+"""Origin of a hypothesis that lays the outline on itself in another way."""
+SMALLEST_AREA, LARGEST_AREA = 0.02, 30.0
+"""Areas relative to the first view's between which an object is looked for: seven times as far, five times as near."""
+SAME_PLACE = 0.5
+"""Share of sqrt(area) within which two poses lie in one place."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """An image in which the object was located, or looked for.
+
+    Attributes:
+        levels: the image and its halves.
+        G: (3, 3) work px -> px.
+    """
+
+    levels: list[Grey]
+    G: Floats
+
+
+@compared_by_value
+@dataclass(frozen=True)
+class Hypothesis:
+    """Where the object may be.
+
+    Attributes:
+        origin: what proposed it, one of `CONTINUOUS` or of redetection.
+        G: (3, 3) work px -> px.
+        P: (8, 8) covariance of its error, work px^2.
+        reach: work px within which edges are looked for; 0: by the covariance.
+    """
+
+    origin: str
+    G: Floats
+    P: Floats
+    reach: float = 0.0
+
+
+@compared_by_value
+@dataclass(frozen=True)
+class PoseEstimate:
+    """A hypothesis made exact: what `kernels.PoseTarget.solve` found, and where that puts the contacts.
+
+    Attributes:
+        origin: of the hypothesis.
+        G, P: pose and covariance.
+        contacts: (k, 2) px.
+        covariance: (k, 2, 2) px^2 of them, by the model alone.
+        middle: (x, y) px of the contacts.
+        area: px^2 of the outline in the image.
+        bend: (3, 8) as of `Shutter`.
+        light: gain and bias of the surface's grey levels since the first view.
+        hidden: share of the outline that is occluded; covered: that, or has its edge elsewhere.
+        nuisance, nuisance_covariance: (4,), (4, 4) as of `TrackState`.
+        readout, readout_variance: share of a usual interval, as the edges of this image tell it.
+        sides: probability that a thick part's sides are seen as the object; NaN where nothing tells.
+        edge_width: work px, standard deviation of an edge at rest; NaN where too few are seen.
+        blur_share: half of an edge's blur, of what moved across it since the last image; NaN where too few moved.
+        blur: work px, half of what blurs all but a quarter of the edges; NaN where too few are seen.
+        edge_share: of the outline's samples whose edge was found; edge_sigma: work px, of their residuals.
+        look: grey levels by which the inner side differs from the first view's, median.
+        texture_used, texture_agreeing: patches in the image, and the share of them that agree with the pose; texture_spread:
+            their errors in predicted sd.
+        correlation: of each patch of the three finest levels; NaN outside the image.
+        visible, occluded, other: of each sample of the outline, probabilities.
+        log_odds: of the outline, this object against none.
+        elsewhere: share of the outline whose edge lies elsewhere; astray: log-likelihood ratio of these edges, of something
+            else against light that hides them and a pose that is a little off.
+        other_shape: log-likelihood ratio of another shape; differs: of each sample, probability that the shape differs there.
+        confirmed: a second solution, from farther away, was no better.
+    """
+
+    origin: str
+    G: Floats
+    P: Floats
+    contacts: Floats
+    covariance: Floats
+    middle: tuple[float, float]
+    area: float
+    bend: Floats
+    light: tuple[float, float]
+    hidden: float
+    covered: float
+    nuisance: Floats
+    nuisance_covariance: Floats
+    readout: float
+    readout_variance: float
+    sides: float
+    edge_width: float
+    blur_share: float
+    blur: float
+    edge_share: float
+    edge_sigma: float
+    look: float
+    texture_used: int
+    texture_agreeing: float
+    texture_spread: float
+    correlation: list[Floats]
+    visible: Floats
+    occluded: Floats
+    other: Floats
+    log_odds: float
+    elsewhere: float
+    astray: float
+    other_shape: float
+    differs: Floats
+    confirmed: bool = False
+
+    def is_at(self, place: tuple[float, float], share: float = SAME_PLACE) -> bool:
+        """Whether it lies within a share of sqrt(area) of a place (x, y) px."""
+        return math.dist(self.middle, place) < share * math.sqrt(self.area)
+
+
+def lead_alike(target: Target, one: Hypothesis | PoseEstimate, other: Hypothesis | PoseEstimate) -> bool:
+    """Whether one of two poses lies within the uncertainty of the other, so that both lead to the same answer."""
+    d = target.difference(other.G, one.G)
+    return bool(np.isfinite(d).all()) and min(float(d @ np.linalg.solve(P, d)) for P in (other.P, one.P)) < 1.0
+
+
+def distinct_hypotheses(target: Target, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    """Those that lead elsewhere than the ones before them."""
+    kept: list[Hypothesis] = []
+    for hypothesis in hypotheses:
+        if not any(lead_alike(target, hypothesis, other) for other in kept):
+            kept.append(hypothesis)
+    return kept
+
+
+def sane_area(target: Target, G: Floats) -> float:
+    """px^2 of the outline; 0 unless G is a view of the plane's front, before the camera, at a size to be seen."""
+    area = kernels.seen_area(G, target.outline)
+    return area if SMALLEST_AREA < area / target.area < LARGEST_AREA else 0.0
+
+
+def mean_point(points: Floats) -> tuple[float, float]:
+    """(x, y) of points (k, 2), number by number: of so few NumPy's calls would cost more."""
+    x = y = 0.0
+    for u, v in points.tolist():
+        x, y = x + u, y + v
+    return x / len(points), y / len(points)
+
+
+def max_contact_distance(contacts: Floats, others: Floats) -> float:
+    """px between contacts (k, 2) where they are farthest apart."""
+    return max(math.hypot(x, y) for x, y in (contacts - others).tolist())
+
+
+def worst_variance(covariance: Floats) -> float:
+    """px^2 of the worst of some places in its worst direction, of their covariances (k, 2, 2)."""
+    axes = [0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy) for (xx, xy), (_, yy) in covariance.tolist()]
+    return float(max(axes))
+
+
+def contact_tolerance(area: float, numbers: Numbers) -> float:
+    """px by which a contact may be off, for an object of `area` px^2."""
+    return max(numbers.tolerance_px, numbers.tolerance * math.sqrt(area))
+
+
+def largest_sigma(area: float, numbers: Numbers) -> float:
+    """px, the standard deviation from which on a contact of an object of `area` px^2 is not believed."""
+    return contact_tolerance(area, numbers) / math.sqrt(-2.0 * math.log(numbers.risk))
