@@ -2,7 +2,7 @@
 """Tables of the documentation, filled in from the files of a run, so that no figure in them is typed.
 
 `python -m research.paper.documents RUN DOCS` copies the tables of a run of `python -m research.paper` to
-`DOCS/paper-tables` and fills in every page of DOCS anew. On a page a table stands between two comments:
+`DOCS/tables/paper` and fills in every page of DOCS and of DOCS/tables anew. On a page a table stands between two comments:
 
     <!-- table P | motion; strategy; median px as px | way = last frame as prior; contours = resampled / pixel chain -->
     <!-- end of table -->
@@ -27,7 +27,7 @@ from pathlib import Path
 from grasptrack.errors import InputError
 from grasptrack_bench.report.table import format_cell
 
-KEPT = "paper-tables"
+KEPT = "tables/paper"
 """Folder of the documentation in which the tables of the whole run lie."""
 IMAGES = "images"
 ZERO = 1e-9
@@ -152,13 +152,13 @@ def main() -> None:
     parser.add_argument("docs", type=Path, help="folder of the documentation")
     args = parser.parse_args()
     kept = args.docs / KEPT
-    kept.mkdir(exist_ok=True)
+    kept.mkdir(parents=True, exist_ok=True)
     for path in (*sorted((args.run / "tables").glob("*.csv")), *sorted(args.run.glob("*times.csv"))):
         shutil.copyfile(path, kept / path.name)
     for path in sorted((args.run / "figures").glob("paper-*.png")):
         (args.docs / IMAGES).mkdir(exist_ok=True)
         shutil.copyfile(path, args.docs / IMAGES / path.name)
-    for page in sorted(args.docs.glob("*.md")):
+    for page in (*sorted(args.docs.glob("*.md")), *sorted(args.docs.glob("tables/*.md"))):
         text = page.read_text(encoding="utf-8")
         filled = fill_page(text, kept)
         if filled != text:

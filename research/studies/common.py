@@ -34,7 +34,7 @@ COMMAND = "python -m research.studies"
 PREFACE = f"""# Results of the studies
 
 Written by the studies themselves, each its own section with the command above it: `{COMMAND}.NAME --output
-docs/results.md`. How to read them is in [benchmarks.md](benchmarks.md)."""
+docs/tables/studies.md`. What they answer is in [evaluation.md](../evaluation.md#studies)."""
 
 Case = TypeVar("Case")
 Outcome = TypeVar("Outcome")
