@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from grasptrack_bench.baselines.literal import LiteralGraspLine, LiteralHomograp
 from grasptrack_bench.metrics.errors import ErrorMeasure, error_measure
 from grasptrack_bench.report.table import Table
 from research.paper.footage import MOTIONS, Footage, Kind, Motion, Part, ideal_footage
-from research.paper.runs import SUMMARY, SUMMARY_NOTES, Run, Setting, summarize
+from research.paper.runs import SUMMARY, SUMMARY_NOTES, Run, run_of, summarize
 from research.paper.transfers import Answer, Refused, Way, transferred_contacts
 
 SWITCHES = {
@@ -68,7 +68,7 @@ def ablation_runs(part: Part, seed: int, frames: int) -> Iterator[Run]:
                 outlines, contacts = footage.outlines(strategy), footage.contacts(strategy)
                 answers = transferred_contacts(variant, outlines, contacts, way, footage.quantised)
                 errors = measured(footage, strategy, answers)
-                yield Setting("ablation", part.name, seed, motion, kind, name, way).run(errors)
+                yield run_of(errors, "ablation", part.name, seed, motion, kind, name, way)
         for name in ("homography, the paper's", "all of these"):
             yield refinement_run(footage, name, seed)
 
@@ -108,21 +108,10 @@ def refinement_run(footage: Footage, name: str, seed: int) -> Run:
             continue
         before, after = (np.hypot(*(m - footage.truth("homography", k)).T) for m in moved)
         gains += (before - after).tolist()
-    setting = Setting(
-        "refinement", footage.part.name, seed, footage.motion, footage.kind, name, "first view", REFINEMENT
-    )
-    better = sum(g > 0.0 for g in gains)
+    setting = "refinement", footage.part.name, seed, footage.motion, footage.kind, name, "first view", REFINEMENT
     mean, most = (float(np.mean(gains)), max(gains)) if gains else (None, None)
-    return Run(
-        **asdict(setting),
-        asked=len(gains),
-        answered=better,
-        off=0,
-        mean_px=mean,
-        worst_px=most,
-        mean_percent=None,
-        reason="",
-    )
+    better = sum(g > 0.0 for g in gains)
+    return replace(run_of((), *setting), asked=len(gains), answered=better, mean_px=mean, worst_px=most)
 
 
 def ablation_tables(runs: Sequence[Run]) -> list[Table]:

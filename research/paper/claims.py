@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from grasptrack_bench.report.table import Table
-from research.paper.claims_of_methods import CLAIMS_OF_METHODS, Claim
+from research.paper.claims_of_methods import CLAIMS_OF_METHODS
 from research.paper.claims_of_results import CLAIMS_OF_RESULTS, CLAIMS_OF_TIME
-from research.paper.evidence import VERDICTS, Evidence, Finding, MissingEvidenceError
+from research.paper.evidence import VERDICTS, Claim, Evidence, Finding, MissingEvidenceError
 
 CLAIMS = (*CLAIMS_OF_METHODS, *CLAIMS_OF_RESULTS)
 HEAD = ("section", "claim", "experiment", "verdict", "found", "command")

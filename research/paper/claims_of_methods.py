@@ -3,80 +3,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
-from research.paper.evidence import Evidence, Finding, grade, percent, plain, px
+from research.paper.evidence import FEW, SMALL, Claim, Evidence, Finding, claim, grade, percent, plain, px
 from research.paper.runs import OFF_PX
-
-COMMAND = "python -m research.paper"
-
-
-@dataclass(frozen=True)
-class Claim:
-    """One thing that the paper says.
-
-    Attributes:
-        section: where.
-        says: what, in our words.
-        experiment: tables and what is looked at in them.
-        rule: from the cells of a run to a verdict.
-        command: that makes them.
-    """
-
-    section: str
-    says: str
-    experiment: str
-    rule: Callable[[Evidence], Finding]
-    command: str = COMMAND
-
-
-FEW = 5.0
-"""Per cent of the answers that may be off, or of the frames without one, for a claim that something works."""
-SMALL = 1.0
-"""px, median error of what counts as exact in practice: about a pixel."""
-
 
 LAST_DIGIT = 1e-4
 """1/px, of a distance as printed."""
 
-
-def population(
-    e: Evidence,
-    strategy: str,
-    motion: str,
-    contours: str = "resampled",
-    way: str = "first view",
-    cell: str = "median px",
-) -> float:
-    """A cell of Table P."""
-    where: dict[str, str | float] = {"motion": motion, "contours": contours, "strategy": strategy, "way": way}
-    return e.number("P", cell, where)
+CLAIMS_OF_METHODS: list[Claim] = []
+_claim = partial(claim, CLAIMS_OF_METHODS)
 
 
-def ablation(e: Evidence, transfer: str, motion: str, contours: str = "resampled", cell: str = "median px") -> float:
-    """A cell of Table A, from the first view."""
-    where: dict[str, str | float] = {"motion": motion, "contours": contours, "transfer": transfer, "way": "first view"}
-    return e.number("A", cell, where)
-
-
-def tilted(e: Evidence, strategy: str, degrees: float, cell: str = "median px") -> float:
-    """A cell of Table T, from the first view."""
-    return e.number("T", cell, {"tilt, degrees": degrees, "strategy": strategy, "way": "first view"})
-
-
-def hidden(e: Evidence, strategy: str, share: float, way: str, cell: str = "median px") -> float:
-    """A cell of Table K."""
-    return e.number("K", cell, {"hidden, %": share, "strategy": strategy, "way": way})
-
-
-def context(e: Evidence, experiment: str, strategy: str) -> float:
-    """px of a cell of Table C; infinite where it was refused."""
-    return e.number("C", strategy, {"experiment": experiment})
-
-
+@_claim(
+    "I, VI",
+    "Carrying one grasp along keeps it the same grasp and keeps the noise of the images out of its choice",
+    "Table G: synthesis in every frame, rendered",
+)
 def _searched(e: Evidence) -> Finding:
     rows = e.rows("G", {})
     anew = max(e.numbers("G", "searched anew: off %", {}))
@@ -92,11 +38,11 @@ def _searched(e: Evidence) -> Finding:
     return Finding(grade(other == len(rows) and carried <= FEW, other > 0), found)
 
 
+@_claim("I", "Neither the camera's parameters nor a model of the object is needed", "Table VII, rendered, 4 DoF")
 def _without_calibration(e: Evidence) -> Finding:
-    where = {"motion": "4 DoF", "contours": "rendered", "way": "first view"}
     ours, letter = (
-        [e.number("VII", f"{name} worst px", {**where, "transfer": t}) for name in ("RRP", "Grasp-line", "Hom.")]
-        for t in ("ours", "to the letter")
+        [e.glance(f"{name} worst px", "4 DoF", "rendered", transfer) for name in ("RRP", "Grasp-line", "Hom.")]
+        for transfer in ("ours", "to the letter")
     )
     found = (
         "by construction, outlines are all that a transfer gets. Worst contact in rendered images of 4 DoF, RRP, grasp line, "
@@ -105,30 +51,38 @@ def _without_calibration(e: Evidence) -> Finding:
     return Finding(grade(max(ours) <= OFF_PX, min(ours) <= OFF_PX), found)
 
 
+@_claim("III-A", "RRP coordinates mean the same place only if all points are carried along as a whole", "Table C")
 def _points_carried(e: Evidence) -> Finding:
-    off = context(e, "a contour with another start", "paper-rrp")
+    off = e.context("a contour with another start", "paper-rrp")
     return Finding(grade(off > OFF_PX, False), f"a contour that begins elsewhere: {px(off)} off, and nothing tells")
 
 
+@_claim("III-A", "RRP is bound to motions of 4 DoF", "Table T: error over tilt")
 def _rrp_four_dof(e: Evidence) -> Finding:
-    level, twenty, forty = (tilted(e, "paper-rrp", d) for d in (0.0, 20.0, 40.0))
+    level, twenty, forty = (e.tilted("paper-rrp", d) for d in (0.0, 20.0, 40.0))
     found = f"median {px(level)} without tilt, {px(twenty)} at 20 degrees, {px(forty)} at 40"
     return Finding(grade(level < SMALL < twenty, level < twenty), found)
 
 
+@_claim("III-B", "Grasp-line coordinates describe grasps of two fingers only", "Table C")
 def _two_fingers_only(e: Evidence) -> Finding:
     told = e.text("C", "paper-grasp-line", {"experiment": "a grasp of three contacts"})
     return Finding(grade(told.startswith("refused"), False), f"three contacts: {told}")
 
 
+@_claim(
+    "III-B",
+    "Grasp-line coordinates are invariant under 4 DoF, the distance to the object among them",
+    "Tables P and A, approach, contours sampled anew",
+)
 def _grasp_line_four_dof(e: Evidence) -> Finding:
     over_area = (
-        population(e, "paper-grasp-line", "approach"),
-        population(e, "paper-grasp-line", "approach", cell="worst px"),
+        e.population("paper-grasp-line", "approach"),
+        e.population("paper-grasp-line", "approach", cell="worst px"),
     )
     over_root = (
-        ablation(e, "grasp line, over its root", "approach"),
-        ablation(e, "grasp line, over its root", "approach", cell="worst px"),
+        e.ablation("grasp line, over its root", "approach"),
+        e.ablation("grasp line, over its root", "approach", cell="worst px"),
     )
     found = (
         f"where the object grows by 2.5, as printed (distances over the area) median {px(over_area[0])}, worst "
@@ -138,10 +92,11 @@ def _grasp_line_four_dof(e: Evidence) -> Finding:
     return Finding(grade(over_area[1] < SMALL, over_root[1] < SMALL), found)
 
 
+@_claim("III-B, VI", "The grasp line fails where part of the outline is not seen", "Table K")
 def _whole_outline(e: Evidence) -> Finding:
     shares = (10.0, 25.0, 40.0)
-    off = [hidden(e, "paper-grasp-line", share, "first view") for share in shares]
-    ours = max(hidden(e, "grasp-line", share, "first view", "answered %") for share in shares)
+    off = [e.hidden("paper-grasp-line", share, "first view") for share in shares]
+    ours = max(e.hidden("grasp-line", share, "first view", "answered %") for share in shares)
     found = (
         f"median {px(off[0])}, {px(off[1])} and {px(off[2])} with 10, 25 and 40 % of the outline hidden; ours answers "
         f"{percent(ours)}"
@@ -149,16 +104,13 @@ def _whole_outline(e: Evidence) -> Finding:
     return Finding(grade(off[0] < off[1] < off[2] and off[1] > OFF_PX, off[2] > OFF_PX), found)
 
 
+@_claim("III-C", "The homography follows motions of 6 DoF", "Table VII, corresponding; Table P, 6 DoF, sampled anew")
 def _six_dof(e: Evidence) -> Finding:
-    own = e.number(
-        "VII",
-        "Hom. worst px",
-        {"motion": "6 DoF", "contours": "corresponding", "transfer": "to the letter", "way": "first view"},
-    )
+    own = e.glance("Hom. worst px", "6 DoF", "corresponding")
     letter, answered, off = (
-        population(e, "paper-homography", "6 DoF", cell=c) for c in ("median px", "answered %", "off %")
+        e.population("paper-homography", "6 DoF", cell=c) for c in ("median px", "answered %", "off %")
     )
-    ours = population(e, "homography", "6 DoF", way="last frame as prior")
+    ours = e.population("homography", "6 DoF", way="last frame as prior")
     found = (
         f"contours moved point by point: {px(own)} at worst. Of the same curves sampled anew: median {px(letter)}, "
         f"{percent(answered)} answered, {percent(off)} of them off; ours with the last frame as prior {px(ours)}"
@@ -166,24 +118,14 @@ def _six_dof(e: Evidence) -> Finding:
     return Finding(grade(letter < SMALL and off <= FEW and own < SMALL, own < SMALL or ours < SMALL), found)
 
 
-def _four_peaks(e: Evidence) -> Finding:
-    highest, chosen = (
-        ablation(e, t, "6 DoF", cell="off %") for t in ("homography, the paper's", "the paper's and choice of peaks")
-    )
-    answered = ablation(e, "homography, the paper's", "6 DoF", cell="answered %")
-    found = (
-        f"the four highest: {percent(answered)} answered, {percent(highest)} of them off; four well apart, all else to the "
-        f"letter: {percent(chosen)} off"
-    )
-    return Finding(grade(highest <= FEW, chosen <= FEW), found)
-
-
+@_claim("IV-A, V", "RRP coordinates stay the same in a transfer", "Table III")
 def _rrp_unchanged(e: Evidence) -> Finding:
     pairs = _before_and_after(e, "III")
     same = sum(a["RRP (c, r, t)"] == b["RRP (c, r, t)"] for a, b in pairs)
     return Finding(grade(same == len(pairs), same > 0), f"the same for {same} of {len(pairs)} contacts")
 
 
+@_claim("IV-B, V", "Grasp-line coordinates stay the same in a transfer", "Table IV")
 def _line_unchanged(e: Evidence) -> Finding:
     column = "Relative (d_c, alpha_m, d_1, d_2), 1/px and degrees"
     before, after = (
@@ -200,6 +142,19 @@ def _line_unchanged(e: Evidence) -> Finding:
     return Finding(grade(angle < 0.1 and length < 2 * LAST_DIGIT, angle < SMALL), found)
 
 
+@_claim("IV-C.1", "The four highest peaks of curvature are points that fix the homography", "Table A, 6 DoF")
+def _four_peaks(e: Evidence) -> Finding:
+    highest, chosen = (
+        e.ablation(t, "6 DoF", cell="off %") for t in ("homography, the paper's", "the paper's and choice of peaks")
+    )
+    answered = e.ablation("homography, the paper's", "6 DoF", cell="answered %")
+    found = (
+        f"the four highest: {percent(answered)} answered, {percent(highest)} of them off; four well apart, all else to the "
+        f"letter: {percent(chosen)} off"
+    )
+    return Finding(grade(highest <= FEW, chosen <= FEW), found)
+
+
 def _before_and_after(e: Evidence, table: str) -> list[tuple[Mapping[str, str], Mapping[str, str]]]:
     """Rows of each contact in the first view and in the second, to the letter."""
     rows = e.rows(table, {"transfer": "to the letter"})
@@ -208,12 +163,17 @@ def _before_and_after(e: Evidence, table: str) -> list[tuple[Mapping[str, str], 
     return list(zip(before, after, strict=True))
 
 
+@_claim(
+    "IV-C.1",
+    "Consecutive frames are so alike that each point can be matched on its own, near where it was",
+    "Table P, 4 DoF, sampled anew, carried on",
+)
 def _consecutive(e: Evidence) -> Finding:
     letter, off = (
-        population(e, "paper-homography", "4 DoF", way="carried on", cell=cell) for cell in ("median px", "off %")
+        e.population("paper-homography", "4 DoF", way="carried on", cell=cell) for cell in ("median px", "off %")
     )
     ours, ours_off = (
-        population(e, "homography", "4 DoF", way="last frame as prior", cell=cell) for cell in ("median px", "off %")
+        e.population("homography", "4 DoF", way="last frame as prior", cell=cell) for cell in ("median px", "off %")
     )
     found = (
         f"from frame to frame: median {px(letter)}, {percent(off)} of the answers off. Ours, always "
@@ -222,12 +182,13 @@ def _consecutive(e: Evidence) -> Finding:
     return Finding(grade(letter < SMALL and off <= FEW, ours < SMALL and ours_off <= FEW), found)
 
 
+@_claim("IV-C.1", "Views farther apart need a match of the whole outline", "Tables A and C")
 def _global_match(e: Evidence) -> Finding:
     index, aligned = (
-        ablation(e, t, "4 DoF", "pixel chain")
+        e.ablation(t, "4 DoF", "pixel chain")
         for t in ("all without window at the alignment or prediction", "all of these")
     )
-    letter, ours = (context(e, "a contour with another start", s) for s in ("paper-homography", "homography"))
+    letter, ours = (e.context("a contour with another start", s) for s in ("paper-homography", "homography"))
     found = (
         f"pairs of views up to a whole sequence apart, chains of pixels: median {px(index)} with a search about an index, "
         f"{px(aligned)} about where aligning the whole outlines puts it. A contour that begins elsewhere: "
@@ -236,69 +197,16 @@ def _global_match(e: Evidence) -> Finding:
     return Finding(grade(letter > OFF_PX > ours and aligned < index, letter > OFF_PX or aligned < index), found)
 
 
+@_claim(
+    "IV-C.4",
+    "The line through the transferred contacts meets the outline at least twice",
+    "Table A, 6 DoF, with and without the refinement",
+)
 def _two_crossings(e: Evidence) -> Finding:
     applied, refined = (
-        ablation(e, t, "6 DoF", cell="answered %")
+        e.ablation(t, "6 DoF", cell="answered %")
         for t in ("the paper's without the refinement", "homography, the paper's")
     )
     lost = applied - refined
     found = f"in {percent(lost)} of the frames the line through the transferred contacts did not meet the outline twice"
     return Finding(grade(lost < SMALL, lost <= FEW), found)
-
-
-CLAIMS_OF_METHODS = (
-    Claim(
-        "I, VI",
-        "Carrying one grasp along keeps it the same grasp and keeps the noise of the images out of its choice",
-        "Table G: synthesis in every frame, rendered",
-        _searched,
-    ),
-    Claim(
-        "I",
-        "Neither the camera's parameters nor a model of the object is needed",
-        "Table VII, rendered, 4 DoF",
-        _without_calibration,
-    ),
-    Claim(
-        "III-A",
-        "RRP coordinates mean the same place only if all points are carried along as a whole",
-        "Table C",
-        _points_carried,
-    ),
-    Claim("III-A", "RRP is bound to motions of 4 DoF", "Table T: error over tilt", _rrp_four_dof),
-    Claim("III-B", "Grasp-line coordinates describe grasps of two fingers only", "Table C", _two_fingers_only),
-    Claim(
-        "III-B",
-        "Grasp-line coordinates are invariant under 4 DoF, the distance to the object among them",
-        "Tables P and A, approach, contours sampled anew",
-        _grasp_line_four_dof,
-    ),
-    Claim("III-B, VI", "The grasp line fails where part of the outline is not seen", "Table K", _whole_outline),
-    Claim(
-        "III-C",
-        "The homography follows motions of 6 DoF",
-        "Table VII, corresponding; Table P, 6 DoF, sampled anew",
-        _six_dof,
-    ),
-    Claim("IV-A, V", "RRP coordinates stay the same in a transfer", "Table III", _rrp_unchanged),
-    Claim("IV-B, V", "Grasp-line coordinates stay the same in a transfer", "Table IV", _line_unchanged),
-    Claim(
-        "IV-C.1",
-        "The four highest peaks of curvature are points that fix the homography",
-        "Table A, 6 DoF",
-        _four_peaks,
-    ),
-    Claim(
-        "IV-C.1",
-        "Consecutive frames are so alike that each point can be matched on its own, near where it was",
-        "Table P, 4 DoF, sampled anew, carried on",
-        _consecutive,
-    ),
-    Claim("IV-C.1", "Views farther apart need a match of the whole outline", "Tables A and C", _global_match),
-    Claim(
-        "IV-C.4",
-        "The line through the transferred contacts meets the outline at least twice",
-        "Table A, 6 DoF, with and without the refinement",
-        _two_crossings,
-    ),
-)

@@ -10,8 +10,7 @@ import numpy as np
 
 from grasptrack.view.style import INK, MUTED, RULE, STRATEGY_RGB, create_figure, hex_colour
 from research.paper.evidence import Evidence, number_of
-from research.paper.figures import WIDE, to_picture
-from research.paper.pictures import Picture
+from research.paper.figures import WIDE, Picture, to_picture
 from research.paper.printed import STRATEGIES
 
 LEAST_PX = 0.01

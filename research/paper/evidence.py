@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,6 +19,8 @@ VERDICTS: dict[Verdict, str] = {
     "not tried": "nothing in this run decides it, and it is said where something does",
 }
 Rows = Sequence[Mapping[str, str]]
+Where = Mapping[str, str | float]
+"""What must stand beside a cell, by head."""
 REFUSED = "refused"
 
 
@@ -54,7 +56,7 @@ class Evidence:
             }
         )
 
-    def rows(self, table: str, where: Mapping[str, str | float]) -> Rows:
+    def rows(self, table: str, where: Where) -> Rows:
         """The rows that have these values under these heads.
 
         Raises:
@@ -66,7 +68,7 @@ class Evidence:
             raise MissingEvidenceError(f"table {table} has no row with {wanted}")
         return found
 
-    def text(self, table: str, column: str, where: Mapping[str, str | float]) -> str:
+    def text(self, table: str, column: str, where: Where) -> str:
         """The cell of the first such row.
 
         Raises:
@@ -74,11 +76,40 @@ class Evidence:
         """
         return self.rows(table, where)[0][column]
 
-    def number(self, table: str, column: str, where: Mapping[str, str | float]) -> float:
+    def number(self, table: str, column: str, where: Where) -> float:
         """The same as a number, without its unit; infinite where everything was refused or nothing answered."""
         return number_of(self.text(table, column, where))
 
-    def numbers(self, table: str, column: str, where: Mapping[str, str | float]) -> list[float]:
+    def population(
+        self, strategy: str, motion: str, contours: str = "resampled", way: str = "first view", cell: str = "median px"
+    ) -> float:
+        """A cell of Table P."""
+        where: Where = {"motion": motion, "contours": contours, "strategy": strategy, "way": way}
+        return self.number("P", cell, where)
+
+    def ablation(self, transfer: str, motion: str, contours: str = "resampled", cell: str = "median px") -> float:
+        """A cell of Table A, from the first view."""
+        where: Where = {"motion": motion, "contours": contours, "transfer": transfer, "way": "first view"}
+        return self.number("A", cell, where)
+
+    def glance(self, cell: str, motion: str, contours: str, transfer: str = "to the letter") -> float:
+        """A cell of Table VII at a glance, from the first view."""
+        where: Where = {"motion": motion, "contours": contours, "transfer": transfer, "way": "first view"}
+        return self.number("VII", cell, where)
+
+    def tilted(self, strategy: str, degrees: float) -> float:
+        """px of Table T, from the first view."""
+        return self.number("T", "median px", {"tilt, degrees": degrees, "strategy": strategy, "way": "first view"})
+
+    def hidden(self, strategy: str, share: float, way: str, cell: str = "median px") -> float:
+        """A cell of Table K."""
+        return self.number("K", cell, {"hidden, %": share, "strategy": strategy, "way": way})
+
+    def context(self, experiment: str, strategy: str) -> float:
+        """px of Table C; infinite where it was refused."""
+        return self.number("C", strategy, {"experiment": experiment})
+
+    def numbers(self, table: str, column: str, where: Where) -> list[float]:
         """Of all such rows."""
         return [number_of(r[column]) for r in self.rows(table, where)]
 
@@ -116,3 +147,41 @@ def plain(value: float) -> str:
         return "0"
     digits = max(0, 2 - math.floor(math.log10(abs(value))))
     return f"{value:.{digits}f}" if digits < 2 or value >= 1.0 else f"{value:.{min(digits, 4)}f}"
+
+
+COMMAND = "python -m research.paper"
+FEW = 5.0
+"""Per cent of the answers that may be off, or of the frames without one, for a claim that something works."""
+SMALL = 1.0
+"""px, median error of what counts as exact in practice: about a pixel."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One thing that the paper says.
+
+    Attributes:
+        section: where.
+        says: what, in our words.
+        experiment: tables and what is looked at in them.
+        rule: from the cells of a run to a verdict.
+        command: that makes them.
+    """
+
+    section: str
+    says: str
+    experiment: str
+    rule: Callable[[Evidence], Finding]
+    command: str = COMMAND
+
+
+def claim(
+    claims: list[Claim], section: str, says: str, experiment: str, command: str = COMMAND
+) -> Callable[[Callable[[Evidence], Finding]], Callable[[Evidence], Finding]]:
+    """Appends the claim that a rule decides to a list; see `Claim`."""
+
+    def append_claim(rule: Callable[[Evidence], Finding]) -> Callable[[Evidence], Finding]:
+        claims.append(Claim(section, says, experiment, rule, command))
+        return rule
+
+    return append_claim

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures 4, 7, 8, 9 and 11 of the paper drawn anew from a run, to be laid beside the printed ones."""
+"""Figures 4, 7, 8, 9 and 11 of the paper drawn anew from a run, and the pairs of views behind Tables II to V."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import View
@@ -20,11 +21,13 @@ from grasptrack.transfer.rrp import INTERPOLATED
 from grasptrack.typing import Floats
 from grasptrack.view.style import DARK, INK, MUTED, STATUS_RGB, STRATEGY_RGB, create_figure, hex_colour
 from grasptrack_bench.baselines.literal import LiteralHomography
-from research.paper.correspondences import Correspondences
+from research.paper.correspondences import Correspondences, RefusedPair
 from research.paper.footage import Footage
-from research.paper.pictures import Images, Picture
 from research.paper.transfers import Refused
 
+Picture = tuple[str, NDArray[np.uint8]]
+"""A caption and a BGR image."""
+Images = Mapping[tuple[str, str], list[Grey]]
 WIDE = 8.2
 """Inches."""
 DPI = 100
@@ -65,6 +68,44 @@ def paper_figures(
         yield "paper-fig-9", figure_nine(c, images[c.footage.part.name, c.footage.motion])
     if (refined := figure_eleven(sampled)) is not None:
         yield "paper-fig-11", refined
+
+
+def table_pictures(
+    examples: Sequence[Footage], found: Sequence[Correspondences | RefusedPair], images: Images, frame: int
+) -> Iterator[Picture]:
+    """Captions and pictures of the pairs of Tables II to V; arguments as for `paper_figures`, refused pairs included."""
+    rendered = [f for f in examples if f.kind == "rendered" and isinstance(f.tracked[frame], View)]
+    pairs = [(c, images[c.footage.part.name, c.footage.motion]) for c in found if isinstance(c, Correspondences)]
+    for c, seen in pairs:
+        yield (
+            f"Table II, {c.footage.part.name}: points and correspondences, with the curvature",
+            figure_of_matches(c, seen),
+        )
+    for f in rendered:
+        _, picture = figure_seven(f, images[f.part.name, f.motion], frame)
+        yield f"Table III, {f.part.name}: the outline that the snake moved, the grasp, true places crossed", picture
+    for f in rendered:
+        if (drawn := figure_eight(f, images[f.part.name, f.motion], frame)) is not None:
+            yield f"Table IV, {f.part.name}: the grasp line beside the inertia axes, true places crossed", drawn[1]
+    for c, seen in pairs:
+        _, picture = figure_nine(c, seen)
+        yield f"Table V, {c.footage.part.name}: the homography applied and refined, true places crossed", picture
+
+
+def figure_of_matches(c: Correspondences, images: Sequence[Grey]) -> NDArray[np.uint8]:
+    """Selected points and what matches them, above the curvature of both contours along them."""
+    figure = create_figure(WIDE, 5.0, layout="constrained")
+    above, below = figure.subplots(2, 2, height_ratios=(3, 1))
+    titles = "frame 0: selected points", f"frame {c.frame}: correspondences"
+    for k, (axes, curve) in enumerate(zip(above, below, strict=True)):
+        _draw_matches(axes, images[k], (c.first, c.second)[k], c.points[k], titles[k])
+        values, marks = c.curvature[k], c.samples[k]
+        curve.plot(values, color=DARK, lw=1.0)
+        curve.plot(marks, values[marks], "o", color=PEAK, ms=5)
+        for number, i in enumerate(marks, start=1):
+            curve.annotate(str(number), (i, values[i]), xytext=(5, 3), textcoords="offset points", fontsize=8)
+        curve.set_xlabel("curvature along the outer contour, from its first point", fontsize=8.5, color=INK)
+    return to_picture(figure)
 
 
 def figure_four(footage: Footage) -> Picture:
@@ -177,12 +218,7 @@ def figure_nine(c: Correspondences, images: Sequence[Grey]) -> Picture:
         (one, images[0], c.first, c.points[0], "1. frame 0: four points are selected"),
         (two, images[1], c.second, c.points[1], f"1. frame {c.frame}: and found again, eq. (3)"),
     ):
-        _draw_image(axes, image)
-        _draw_outline(axes, view)
-        for k, at in enumerate(points, start=1):
-            axes.plot(*at, "o", color=PEAK, mec="white", ms=8)
-            _label(axes, at, str(k), view.points.mean(axis=0))
-        _frame(axes, view.points, title)
+        _draw_matches(axes, image, view, points, title)
     grasp = c.footage.on_silhouette
     one.plot(*grasp.T, "o", color=GRASP, mec=DARK, ms=7)
     _draw_outline(three, c.second)
@@ -302,6 +338,16 @@ def _draw_outline(axes: Any, view: View) -> None:
         axes.plot(*_closed(contour.points).T, color=DARK, lw=1.2)
 
 
+def _draw_matches(axes: Any, image: Grey, view: View, points: Floats, title: str) -> None:
+    """A view with numbered points of its outline."""
+    _draw_image(axes, image)
+    _draw_outline(axes, view)
+    for k, at in enumerate(points, start=1):
+        axes.plot(*at, "o", color=PEAK, mec="white", ms=8)
+        _label(axes, at, str(k), view.points.mean(axis=0))
+    _frame(axes, view.points, title)
+
+
 def _draw_references(axes: Any, references: Floats, contacts: Floats) -> None:
     """Every fifth is numbered, where no contact needs the place."""
     axes.plot(*references.T, "o", color=REFERENCE, mec=DARK, mew=0.6, ms=5)
@@ -361,7 +407,7 @@ def _frame(axes: Any, points: Floats, title: str, margin: float = 0.14) -> None:
         spine.set_color(MUTED)
 
 
-def to_picture(figure: Any) -> Any:
+def to_picture(figure: Any) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 BGR."""
     figure.set_dpi(DPI)
     figure.canvas.draw()

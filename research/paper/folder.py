@@ -57,11 +57,11 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
     head = {"format": 1, "kind": "paper", "options": dict(options), "versions": made, "backend": kernels.BACKEND}
     series = [
         {
-            **{name: getattr(s, name) for name in ("object", "strategy", "kind", "motion", "way")},
-            "average_px": list(s.average_px),
-            "maximum_px": list(s.maximum_px),
+            **dict(zip(("object", "strategy", "kind", "motion", "way"), c.setting, strict=True)),
+            "average_px": c.errors_px("average_px"),
+            "maximum_px": c.errors_px("maximum_px"),
         }
-        for s in run.series
+        for c in run.courses
     ]
     try:
         for part in ("tables", "figures"):
@@ -91,7 +91,7 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
         ("Again", f"`{command}`"),
     ]
     pictures = (*(picture for _, picture in run.figures), *run.pictures)
-    return paper_report(folder, shown, run.series, pictures, lead=LEAD, facts=facts)
+    return paper_report(folder, shown, run.courses, pictures, lead=LEAD, facts=facts)
 
 
 def _write_rows(path: Path, head: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:

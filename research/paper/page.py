@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,13 @@ from grasptrack_bench.charts.markup import format_fixed
 from grasptrack_bench.metrics.integrity import cumulative_share
 from grasptrack_bench.report.pages import Cell, CellLike, Column, Figure, Line, PageTable, keep_chart, write_page
 from grasptrack_bench.report.table import Table
-
-if TYPE_CHECKING:
-    from research.paper.run import Series
+from research.paper.transfers import Course
 
 
 def paper_report(
     folder: Path,
     tables: Sequence[Table],
-    series: Sequence[Series] = (),
+    series: Sequence[Course] = (),
     pictures: Iterable[tuple[str, NDArray[np.uint8]]] = (),
     *,
     title: str = "The paper's tables, measured again",
@@ -39,7 +37,7 @@ def paper_report(
     Args:
         folder: that is there.
         tables: in order.
-        series: error by frame, for the charts.
+        series: every transfer, for the charts.
         pictures: caption and BGR picture; the first line of a caption stands out.
         title: of the page.
         lead: what a hurried reader takes away; `code` and **weight** are marked as in Markdown.
@@ -71,20 +69,20 @@ def paper_report(
         raise InputError(f'"{folder}" cannot be written: {error.strerror or error}', path=str(folder)) from error
 
 
-def _draw_charts(series: Sequence[Series], figures: Path) -> dict[str, Any]:
+def _draw_charts(series: Sequence[Course], figures: Path) -> dict[str, Any]:
     """Error over the frames for each object and setting, and how often it stays below a limit."""
     if not series:
         return {"over_frames": {}}
     palette = series_palette(dict.fromkeys(s.strategy for s in series))
-    values = [(s, np.array([np.nan if e is None else e for e in s.maximum_px], dtype=np.float64)) for s in series]
+    values = [(s, np.array(s.errors_px("maximum_px"), dtype=np.float64)) for s in series]
     settings = tuple(dict.fromkeys(_setting_name(s) for s in series))
     over_frames: dict[str, list[Figure]] = {}
     for setting in settings:
         here = [(s, v) for s, v in values if _setting_name(s) == setting]
         ends = log_range(np.concatenate([v for _, v in here]), 1e-3, 1e3, floor=10.0)
         parts = over_frames[_capitalize_first(setting)] = []
-        for name in dict.fromkeys(s.object for s, _ in here):
-            mine = [(s, v) for s, v in here if s.object == name]
+        for name in dict.fromkeys(s.footage.part.name for s, _ in here):
+            mine = [(s, v) for s, v in here if s.footage.part.name == name]
             x = Axis("frame", 0.0, max(2.0, *(float(len(v)) for _, v in mine)))
             y = Axis("error, px", *ends, "log")
             chart = Chart(f"Error over the frames, {setting}, {name}", x, y, 340, 216, (40, 26, 10, 40))
@@ -111,7 +109,7 @@ def _printed_table(table: Table) -> PageTable:
     return PageTable(columns, [Line(row) for row in table.rows])
 
 
-def _error_table(values: Sequence[tuple[Series, Floats]]) -> PageTable:
+def _error_table(values: Sequence[tuple[Course, Floats]]) -> PageTable:
     columns = [Column("strategy", words=True), Column("of", words=True), Column("frames"), Column("answered", "%")]
     columns += [Column("median", "px"), Column("RMS", "px"), Column("95th pct", "px"), Column("largest", "px")]
     lines = []
@@ -133,8 +131,8 @@ def _error_table(values: Sequence[tuple[Series, Floats]]) -> PageTable:
     return PageTable(columns, lines)
 
 
-def _setting_name(s: Series) -> str:
-    return f"{s.kind} contours, {s.motion}, {s.way}"
+def _setting_name(s: Course) -> str:
+    return f"{s.footage.kind} contours, {s.footage.motion}, {s.way}"
 
 
 def _capitalize_first(text: str) -> str:

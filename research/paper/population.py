@@ -28,7 +28,7 @@ from research.paper.footage import (
     path_homographies,
     resample_view,
 )
-from research.paper.runs import SUMMARY, SUMMARY_NOTES, Run, Setting, summarize
+from research.paper.runs import SUMMARY, SUMMARY_NOTES, Run, run_of, summarize
 from research.paper.sensitivity import sensitivity_runs
 from research.paper.transfers import COMPARED, WAYS, transfer_and_measure, ways_of
 
@@ -76,7 +76,7 @@ def path_runs(part: Part, task: Task) -> Iterator[Run]:
             for strategy in COMPARED:
                 for way in ways_of(strategy):
                     errors = transfer_and_measure(footage, strategy, way).errors
-                    yield Setting("paths", part.name, task.seed, motion, kind, strategy, way).run(errors)
+                    yield run_of(errors, "paths", part.name, task.seed, motion, kind, strategy, way)
 
 
 def tilt_footage(part: Part, seed: int) -> Footage:
@@ -107,9 +107,8 @@ def tilt_runs(part: Part, seed: int) -> Iterator[Run]:
             errors = transfer_and_measure(footage, strategy, way).errors
             for degrees in TILTS:
                 near = errors[max(0, degrees - 1 - BESIDE) : degrees + BESIDE]
-                yield Setting(
-                    "tilt", part.name, seed, "6 DoF", "resampled", strategy, way, "tilt, degrees", float(degrees)
-                ).run(near)
+                setting = "tilt", part.name, seed, "6 DoF", "resampled", strategy, way
+                yield run_of(near, *setting, "tilt, degrees", float(degrees))
 
 
 def clipped_runs(part: Part, seed: int) -> Iterator[Run]:
@@ -122,9 +121,8 @@ def clipped_runs(part: Part, seed: int) -> Iterator[Run]:
             errors = transfer_and_measure(footage, strategy, way).errors
             for percent in CLIPPED:
                 near = errors[percent - 1 - BESIDE : percent + BESIDE]
-                yield Setting(
-                    "clipped", part.name, seed, "6 DoF", "resampled", strategy, way, "hidden, %", float(percent)
-                ).run(near)
+                setting = "clipped", part.name, seed, "6 DoF", "resampled", strategy, way
+                yield run_of(near, *setting, "hidden, %", float(percent))
 
 
 def population_tables(runs: Sequence[Run], left_out: dict[str, str]) -> list[Table]:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.images import Grey
 from grasptrack.typing import Progress
-from grasptrack_bench.metrics.errors import ErrorMeasure
 from grasptrack_bench.report.table import Table
 from grasptrack_bench.schedule import Outcome, Scheduler
 from grasptrack_bench.simulation import SHAPES
@@ -29,7 +28,7 @@ from research.paper.curves import table_curves
 from research.paper.descriptions import table_four, table_one, table_three
 from research.paper.error_tables import at_a_glance, table_seven, table_six
 from research.paper.evidence import Evidence
-from research.paper.figures import paper_figures
+from research.paper.figures import Images, Picture, paper_figures, table_pictures
 from research.paper.footage import (
     FRAMES,
     IN_IMAGES,
@@ -43,7 +42,6 @@ from research.paper.footage import (
     middle_frame,
     rendered_footage,
 )
-from research.paper.pictures import Images, Picture, table_pictures
 from research.paper.population import Task, population_runs, population_tables
 from research.paper.runs import Run
 from research.paper.searching import table_of_searches
@@ -84,30 +82,6 @@ QUICK = Extent(12, 0, (*OBJECTS, "hook"), 2)
 """To see that everything works: short paths, few shapes."""
 
 
-@dataclass(frozen=True, slots=True)
-class Series:
-    """The errors of one strategy on one object along one trajectory, for a figure.
-
-    Attributes:
-        object: its name.
-        strategy: its name.
-        kind: how the contours came about, see `footage.KINDS`.
-        motion: see `footage.MOTIONS`.
-        way: see `transfers.WAYS`.
-        average_px, maximum_px: by frame from frame 1 on; None where the strategy refused.
-        reasons: by frame; empty where it answered.
-    """
-
-    object: str
-    strategy: str
-    kind: str
-    motion: str
-    way: str
-    average_px: tuple[float | None, ...]
-    maximum_px: tuple[float | None, ...]
-    reasons: tuple[str, ...]
-
-
 @dataclass(frozen=True)
 class PaperRun:
     """What a run gives. All but `times` and `time_claims` repeats to the last digit.
@@ -118,7 +92,6 @@ class PaperRun:
         courses: every transfer of the three objects, behind Table VII.
         returns: there and back, behind Table VI.
         runs: of every shape and seed, behind Tables P, T, K, A, R and S.
-        series: by object, motion, contours, strategy, way.
         pictures: captions and BGR images (H, W, 3).
         figures: of the paper drawn anew, and curves, by the names of their files.
         times: of each step beside the paper's.
@@ -130,7 +103,6 @@ class PaperRun:
     courses: tuple[Course, ...]
     returns: tuple[Return, ...]
     runs: tuple[Run, ...]
-    series: tuple[Series, ...]
     pictures: tuple[Picture, ...]
     figures: tuple[tuple[str, Picture], ...]
     times: Table
@@ -190,7 +162,7 @@ def run_paper(
     evidence = Evidence.of(tables)
     claims = table_of_claims(evidence)
     tables += [claims, table_of_verdicts(claims)]
-    pictures = table_pictures(examples, tilted, found, images, half)
+    pictures = table_pictures(examples, found, images, half)
     sampled = [f for f in footage if (f.kind, f.motion) == ("resampled", "6 DoF")]
     answered = [c for c in found if isinstance(c, Correspondences)]
     figures = [*paper_figures(examples, answered, sampled, images, half), *table_curves(evidence)]
@@ -201,7 +173,6 @@ def run_paper(
         tuple(courses),
         tuple(returns),
         tuple(runs),
-        tuple(_course_series(c) for c in courses),
         tuple(pictures),
         tuple(figures),
         times,
@@ -279,20 +250,6 @@ def _one_after_the_other(function: object, tasks: Sequence[object]) -> Iterator[
     assert callable(function)
     for i, task in enumerate(tasks):
         yield Outcome(i, function(task), "")
-
-
-def _course_series(c: Course) -> Series:
-    answered = [e if isinstance(e, ErrorMeasure) else None for e in c.errors]
-    return Series(
-        c.footage.part.name,
-        c.strategy,
-        c.footage.kind,
-        c.footage.motion,
-        c.way,
-        tuple(None if e is None else e.average_px for e in answered),
-        tuple(None if e is None else e.maximum_px for e in answered),
-        tuple(e if isinstance(e, str) else "" for e in c.errors),
-    )
 
 
 class _Ticker:

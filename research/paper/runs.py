@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -54,34 +55,21 @@ class Run:
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """What runs have in common; see `Run`."""
-
-    experiment: str
-    shape: str
-    seed: int
-    motion: str
-    contours: str
-    strategy: str
-    way: str
-    varied: str = ""
-    value: float = 0.0
-
-    def run(self, errors: Sequence[ErrorMeasure | str]) -> Run:
-        """The run whose frames had these errors, or reasons of refusals."""
-        answered = [e for e in errors if isinstance(e, ErrorMeasure)]
-        reasons = count_reasons(e for e in errors if isinstance(e, str))
-        return Run(
-            **asdict(self),
-            asked=len(errors),
-            answered=len(answered),
-            off=sum(e.maximum_px > OFF_PX for e in answered),
-            mean_px=float(np.mean([e.average_px for e in answered])) if answered else None,
-            worst_px=max((e.maximum_px for e in answered), default=None),
-            mean_percent=float(np.mean([e.average_percent for e in answered])) if answered else None,
-            reason=next(iter(reasons), ""),
-        )
+def run_of(errors: Sequence[ErrorMeasure | str], *setting: str | int | float) -> Run:
+    """The run of a setting, the fields of `Run` up to `value`, whose frames had these errors, or reasons of refusals."""
+    answered = [e for e in errors if isinstance(e, ErrorMeasure)]
+    reasons = count_reasons(e for e in errors if isinstance(e, str))
+    common: dict[str, Any] = dict(zip([f.name for f in fields(Run)], setting, strict=False))
+    return Run(
+        **{"varied": "", "value": 0.0, **common},
+        asked=len(errors),
+        answered=len(answered),
+        off=sum(e.maximum_px > OFF_PX for e in answered),
+        mean_px=float(np.mean([e.average_px for e in answered])) if answered else None,
+        worst_px=max((e.maximum_px for e in answered), default=None),
+        mean_percent=float(np.mean([e.average_percent for e in answered])) if answered else None,
+        reason=next(iter(reasons), ""),
+    )
 
 
 SUMMARY = ("median px", "95 % from", "95 % to", "worst px", "median % of opening", "answered %", "off %")

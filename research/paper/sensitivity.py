@@ -9,11 +9,12 @@ from contextlib import contextmanager
 from grasptrack.transfer import homography
 from grasptrack_bench.report.table import Table
 from research.paper.footage import Part, ideal_footage
-from research.paper.runs import SUMMARY, SUMMARY_NOTES, Run, Setting, summarize
-from research.paper.transfers import transfer_and_measure
+from research.paper.runs import SUMMARY, SUMMARY_NOTES, Run, run_of, summarize
+from research.paper.transfers import Way, transfer_and_measure
 
 CONSTANTS = tuple(name for name, value in vars(homography).items() if name.isupper() and isinstance(value, int | float))
 """All numbers of `transfer.homography`, in the order of the file."""
+PRIOR: Way = "last frame as prior"
 FACTORS = (0.5, 0.71, 1.0, 1.41, 2.0)
 """By which each is multiplied."""
 
@@ -32,24 +33,15 @@ def changed(constant: str, factor: float) -> Iterator[None]:
 def sensitivity_runs(part: Part, seed: int, frames: int) -> Iterator[Run]:
     """The homography with each constant changed, 6 DoF, contours sampled anew, with the last frame as prior."""
     footage = ideal_footage(part, "resampled", "6 DoF", frames, seed)
-    usual = transfer_and_measure(footage, "homography", "last frame as prior").errors
+    usual = transfer_and_measure(footage, "homography", PRIOR).errors
     for constant in CONSTANTS:
         for factor in FACTORS:
             errors = usual
             if factor != 1.0:
                 with changed(constant, factor):
-                    errors = transfer_and_measure(footage, "homography", "last frame as prior").errors
-            yield Setting(
-                "sensitivity",
-                part.name,
-                seed,
-                "6 DoF",
-                "resampled",
-                "homography",
-                "last frame as prior",
-                constant,
-                factor,
-            ).run(errors)
+                    errors = transfer_and_measure(footage, "homography", PRIOR).errors
+            setting = "sensitivity", part.name, seed, "6 DoF", "resampled", "homography", PRIOR
+            yield run_of(errors, *setting, constant, factor)
 
 
 def sensitivity_table(runs: Sequence[Run]) -> Table:

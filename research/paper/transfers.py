@@ -70,6 +70,15 @@ class Course:
         return tuple(e for e in self.errors if isinstance(e, ErrorMeasure))
 
     @property
+    def setting(self) -> tuple[str, str, str, str, Way]:
+        """Object, strategy, kind of contours, motion and way, by name."""
+        return self.footage.part.name, self.strategy, self.footage.kind, self.footage.motion, self.way
+
+    def errors_px(self, name: str) -> list[float | None]:
+        """`average_px` or `maximum_px` by frame from frame 1 on; None where the strategy refused."""
+        return [getattr(e, name) if isinstance(e, ErrorMeasure) else None for e in self.errors]
+
+    @property
     def sequence(self) -> ErrorMeasure | None:
         """SE over the answered frames; None where there is none."""
         return sequence_error(self.answered) if self.answered else None
