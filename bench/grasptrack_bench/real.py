@@ -26,8 +26,8 @@ from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
 from grasptrack_bench.method import Shown, Start, score_sequence
-from grasptrack_bench.methods import OURS, method_makers
-from grasptrack_bench.metrics.score import FrameScore, Score, Truth
+from grasptrack_bench.methods import method_makers
+from grasptrack_bench.metrics.score import FrameScore, Truth
 from grasptrack_bench.records import read_homographies
 
 Given = Literal["pixel", "quad", "nothing"]
@@ -366,13 +366,3 @@ def _make_start(case: RealCase, first: Frame, truths: Truths) -> Start:
     if chosen.contacts is None:
         raise GraspError(f'"{case.video}", first frame: {chosen.reason}')
     return Start(chosen.contacts, outline, size, pixel)
-
-
-def score_video(video: Path, table: Path, methods: Sequence[str] = OURS) -> list[Score]:
-    """Score methods on a video and its table of reference homographies.
-
-    Raises:
-        InputError, GraspError: as in `run_video`.
-    """
-    scored = run_video((RealCase(video, table), tuple(methods)))
-    return [Score(name, frames) for name, frames in scored.items()]

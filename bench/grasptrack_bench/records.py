@@ -152,22 +152,3 @@ def read_homographies(path: Path) -> dict[int, Floats]:
     if not table:
         raise InputError(f'"{path}" holds no homographies', path=str(path))
     return table
-
-
-def write_homographies(
-    path: Path, table: Mapping[int, Floats], extra: Mapping[str, Mapping[int, str]] | None = None
-) -> None:
-    """The inverse of `read_homographies`, digits and all.
-
-    Args:
-        path: of the CSV file.
-        table: H_current_reference (3, 3) by frame.
-        extra: further columns, by name, with their text by frame.
-    """
-    columns = dict(extra or {})
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["frame", *_ENTRIES, *columns])
-        for frame, H in sorted(table.items()):
-            more = [column.get(frame, "") for column in columns.values()]
-            writer.writerow([frame, *(repr(float(h)) for h in H.ravel()), *more])

@@ -26,7 +26,6 @@ from grasptrack.typing import Progress
 from grasptrack_bench.metrics.score import FrameScore
 from grasptrack_bench.records import read_records, write_records
 from grasptrack_bench.schedule import Scheduler, code_fingerprint
-from grasptrack_bench.unfinished import read_unfinished
 
 INDEX = "evaluation.json"
 CASES = "cases"
@@ -304,3 +303,26 @@ def _remove_old_cases(folder: Path) -> None:
                 path.unlink()
         except OSError as error:
             raise InputError(f'"{path}" cannot be replaced: {error.strerror or error}') from None
+
+
+SAME = ("format", "kind", "code", "backend", "options")
+"""What two runs must share for one to go on with the other's results."""
+
+
+def read_unfinished(index: Path, head: Mapping[str, Any], last: Path | None = None) -> dict[str, Any] | None:
+    """The index of a run that did not finish, with the same options and code as the one at hand, or None.
+
+    Args:
+        index: the JSON file; its key `ended` says how the run ended.
+        head: what the run at hand writes into it first.
+        last: a file without which a run has not finished, whatever its index says.
+    """
+    try:
+        before = json.loads(index.read_text(encoding="utf-8"))
+        wanted = json.loads(json.dumps({key: head[key] for key in SAME}))
+        finished = before["ended"] == "finished" and (last is None or last.exists())
+        if not finished and all(before[key] == wanted[key] for key in SAME):
+            return dict(before)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        pass
+    return None

@@ -105,17 +105,19 @@ def run_case(task: tuple[SceneCase, tuple[str, ...]]) -> dict[str, list[FrameSco
         GraspError: there is no grasp to follow on this part.
     """
     case, methods = task
-    scene = case.scene()
+    start, shown = show_scene(case.scene(), case.fingers, case.friction)
+    return score_sequence(shown, method_makers(methods, case.risk), start)
+
+
+def show_scene(scene: Scene, fingers: int = 2, friction: float = 0.5) -> tuple[Start, Iterator[Shown]]:
+    """What all methods are told of a scene, and its frames with their truth.
+
+    Raises:
+        GraspError: there is no grasp to follow on this part.
+    """
     outline = scene[0].outline
-    contacts = chosen_grasp(outline, case.fingers, case.friction)
-    return score_sequence(
-        _frames_with_truth(scene), method_makers(methods, case.risk), Start(contacts, outline, case.size)
-    )
-
-
-def _frames_with_truth(scene: Scene) -> Iterator[Shown]:
-    for frame in scene:
-        yield Shown(frame.image, frame.time, Truth.of_scene(frame))
+    start = Start(chosen_grasp(outline, fingers, friction), outline, (scene.camera.width, scene.camera.height))
+    return start, (Shown(frame.image, frame.time, Truth.of_scene(frame)) for frame in scene)
 
 
 def built_in(names: Sequence[str] = ()) -> list[Part]:

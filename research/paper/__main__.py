@@ -14,6 +14,7 @@ import typer
 from grasptrack.cli import help_groups, options
 from grasptrack.cli.main import run_app
 from grasptrack.cli.terminal import with_progress
+from grasptrack_bench.verbs import option
 
 if TYPE_CHECKING:
     from grasptrack.typing import Progress
@@ -34,32 +35,15 @@ app = typer.Typer(
 def paper(
     frames: Annotated[
         int | None,
-        typer.Option(
-            metavar="N",
-            min=4,
-            rich_help_panel=help_groups.SCENE,
-            help="Number of frames of each synthetic path.",
-            show_default="100",
-        ),
+        option(help_groups.SCENE, "Number of frames of each synthetic path.", metavar="N", min=4, show_default="100"),
     ] = None,
     seeds: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            min=1,
-            rich_help_panel=help_groups.SCENE,
-            help="Number of seeds of every shape.",
-            show_default="10",
-        ),
+        int | None, option(help_groups.SCENE, "Number of seeds of every shape.", metavar="N", min=1, show_default="10")
     ] = None,
     seed: options.Seed = 0,
     quick: Annotated[
         bool,
-        typer.Option(
-            "--quick",
-            rich_help_panel=help_groups.SCENE,
-            help="Short paths, four shapes, two seeds, where nothing else is asked for.",
-        ),
+        option(help_groups.SCENE, "Short paths, four shapes, two seeds, where nothing else is asked for.", "--quick"),
     ] = False,
     output: options.Output = options.OUTPUT / "evaluate-paper",
     quiet: options.Quiet = False,

@@ -16,6 +16,7 @@ from grasptrack.grasp.synthesis import synthesize
 from grasptrack.typing import Floats
 from grasptrack_bench.report.table import Cell, Table
 from grasptrack_bench.simulation import SHAPES, Bar, Scene, Shape
+from grasptrack_bench.simulation.paths import at_rest
 from research.paper.footage import (
     MOTIONS,
     TRACKED,
@@ -105,11 +106,8 @@ def crossed_scene(part: Part, seed: int) -> Scene:
 def cut_scene(part: Part, seed: int) -> Scene:
     """The object leaves the image sideways."""
     path = camera_trajectory("4 DoF", FRAMES_ON_IMAGES, seed)
-    still = {
-        name: np.repeat(getattr(path, name)[:1], FRAMES_ON_IMAGES, axis=0) for name in ("distance", "roll", "tilt")
-    }
     leaving = np.column_stack([np.linspace(0.0, 2.4, FRAMES_ON_IMAGES), np.zeros(FRAMES_ON_IMAGES)])
-    return Scene(part.shape, replace(path, target=path.target[0] + leaving, **still), seed=seed)
+    return Scene(part.shape, replace(at_rest(path), target=path.target[0] + leaving), seed=seed)
 
 
 def _rows_of_courses(asked: str, section: str, what: str, courses: Sequence[Course]) -> list[Row]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.errors import StrategyError
 from grasptrack.geometry.contours import View, cubic_point
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
@@ -66,66 +67,50 @@ class Correspondences:
 
 def find_correspondences(footage: Footage, frame: int) -> Correspondences | str:
     """What `transfer.homography` does between the first frame and another, laid open; or why it refuses."""
-    first, second = footage.silhouettes[0], footage.silhouettes[frame]
-    if not isinstance(first, View) or not isinstance(second, View):
-        return next(o for o in (first, second) if isinstance(o, str))
-    grasp = Grasp(footage.on_silhouette)
     try:
+        first, second, grasp = _pair_of_views(footage, frame)
         description = homography.describe(grasp, first)
         moved = homography.apply(description, second)
-        chosen = _match_samples(description, second)
+        selected, matched, v = _match_samples(description, second)
     except Refused as error:
         return str(error)
-    if moved.homography is None or any(map(math.isnan, chosen[1].places)):
+    if moved.homography is None or any(map(math.isnan, matched.places)):
         return "a selected point has no match, and another peak took its place"
-    return Correspondences(
-        footage,
-        frame,
-        "ours",
-        first,
-        second,
-        (description.curvature, chosen[2]),
-        (chosen[0], chosen[1].samples),
-        chosen[1].places,
-        chosen[1].errors,
-        moved.homography,
-        apply_homography(moved.homography, grasp.contacts),
-        moved.grasp.contacts,
-    )
+    H, curvature, samples = moved.homography, (description.curvature, v), (selected, matched.samples)
+    ends = apply_homography(H, grasp.contacts), moved.grasp.contacts
+    found = curvature, samples, matched.places, matched.errors, H, *ends
+    return Correspondences(footage, frame, "ours", first, second, *found)
 
 
 def find_literal_correspondences(footage: Footage, frame: int) -> Correspondences | str:
     """The same of the paper's transfer to the letter."""
-    first, second = footage.silhouettes[0], footage.silhouettes[frame]
-    if not isinstance(first, View) or not isinstance(second, View):
-        return next(o for o in (first, second) if isinstance(o, str))
     letter = LiteralHomography()
-    grasp = Grasp(footage.on_silhouette)
     try:
+        first, second, grasp = _pair_of_views(footage, frame)
         description = letter.describe(grasp, first)
         v, places, errors = letter.matches(description, second.outer, None)
         H = letter.homography(description, second.outer, None)
         refined = letter.applied(description, second, H).grasp.contacts
     except Refused as error:
         return str(error)
-    applied = apply_homography(H, grasp.contacts)
-    samples = description.samples, places.astype(int).tolist()
     curvature = description.curvature * first.outer.length, v * second.outer.length
-    scaled = [e * second.outer.length for e in errors.tolist()]
-    return Correspondences(
-        footage,
-        frame,
-        "to the letter",
-        first,
-        second,
-        curvature,
-        samples,
-        places.tolist(),
-        scaled,
-        H,
-        applied,
-        refined,
-    )
+    samples, scaled = (description.samples, places.astype(int).tolist()), (errors * second.outer.length).tolist()
+    found = curvature, samples, places.tolist(), scaled, H, apply_homography(H, grasp.contacts), refined
+    return Correspondences(footage, frame, "to the letter", first, second, *found)
+
+
+def _pair_of_views(footage: Footage, frame: int) -> tuple[View, View, Grasp]:
+    """The first frame's view and another's, and the grasp on the first.
+
+    Raises:
+        StrategyError: one of them shows no outline; the message says why.
+    """
+    views = footage.silhouettes[0], footage.silhouettes[frame]
+    for view in views:
+        if isinstance(view, str):
+            raise StrategyError(view)
+    first, second = (view for view in views if isinstance(view, View))
+    return first, second, Grasp(footage.on_silhouette)
 
 
 def _match_samples(
@@ -165,20 +150,8 @@ def table_two(found: Sequence[Correspondences | RefusedPair]) -> Table:
         for k, (i, j) in enumerate(zip(*c.samples, strict=True)):
             p, q = c.points[0][k], c.points[1][k]
             off = float(np.hypot(*(q - true[k])))
-            v, w = float(c.curvature[0][i]), float(c.curvature[1][j])
-            rows.append(
-                (
-                    c.footage.part.name,
-                    c.transfer,
-                    f"p_{k + 1}",
-                    _format_sample(p, i),
-                    v,
-                    _format_sample(q, j),
-                    w,
-                    c.errors[k],
-                    off,
-                )
-            )
+            places = _format_sample(p, i), float(c.curvature[0][i]), _format_sample(q, j), float(c.curvature[1][j])
+            rows.append((c.footage.part.name, c.transfer, f"p_{k + 1}", *places, c.errors[k], off))
     return Table(
         "II",
         f"Selected points on the first contour and their correspondences, {_pair_description(found)}",
@@ -215,30 +188,16 @@ def table_five(found: Sequence[Correspondences | RefusedPair]) -> Table:
         name, H = (c.footage.part.name, c.transfer), c.footage.H[c.frame]
         true = apply_homography(H, c.points[0])
         for k, (p, q) in enumerate(zip(*c.points, strict=True)):
-            rows.append(
-                (
-                    *name,
-                    f"p_{k + 1} and p'_{k + 1}",
-                    _format_point(p),
-                    _format_point(q),
-                    float(np.hypot(*(q - true[k]))),
-                )
-            )
+            off = float(np.hypot(*(q - true[k])))
+            rows.append((*name, f"p_{k + 1} and p'_{k + 1}", _format_point(p), _format_point(q), off))
         for k, line in enumerate(c.H.tolist()):
             rows.append((*name, f"H, row {k + 1}", " ".join(f"{v:.6g}" for v in line), "", None))
         truth = c.footage.truth("homography", c.frame)
         for step, contacts in (("H p_g", c.applied), ("refined p'_g", c.refined)):
             for k in range(2):
                 off = float(np.hypot(*(contacts[k] - truth[k])))
-                rows.append(
-                    (
-                        *name,
-                        f"{step}{k + 1}",
-                        _format_point(c.footage.on_silhouette[k]),
-                        _format_point(contacts[k]),
-                        off,
-                    )
-                )
+                places = _format_point(c.footage.on_silhouette[k]), _format_point(contacts[k])
+                rows.append((*name, f"{step}{k + 1}", *places, off))
     return Table(
         "V",
         f"Grasp transfer based on a homography, {_pair_description(found)}",

@@ -88,8 +88,7 @@ def camera_trajectory(motion: Motion, frames: int, seed: int) -> Path:
         path = similarity_path(whole, distance=DISTANCE, reach=reach, zoom=zoom, turn=turn, seed=seed)
     if motion == "approach":
         path = replace(path, distance=np.linspace(DISTANCE, DISTANCE / APPROACH, whole))
-    cut = {name: getattr(path, name)[:frames] for name in ("target", "distance", "roll", "tilt", "azimuth")}
-    return replace(path, **cut)
+    return path[:frames]
 
 
 def path_homographies(path: Path) -> Floats:

@@ -16,10 +16,10 @@ import grasptrack as gt
 from grasptrack.errors import GraspTrackError
 from grasptrack.tracking.numbers import NUMBERS, OWN, read_numbers
 from grasptrack.typing import Floats
-from grasptrack_bench.method import Shown, Start, chosen_grasp
-from grasptrack_bench.metrics.score import Score, Truth
+from grasptrack_bench.method import Shown, Start
+from grasptrack_bench.metrics.score import Score
 from grasptrack_bench.real import RealCase, sequence_of, videos_of
-from grasptrack_bench.scenes import SceneCase, built_in, make_scene_cases
+from grasptrack_bench.scenes import SceneCase, built_in, make_scene_cases, show_scene
 from research.studies import common
 from research.studies.confidence import HEAD, Answers, bins_of, rows_of
 
@@ -65,9 +65,7 @@ class Followed(NamedTuple):
 
 def track_case(case: SceneCase) -> Followed:
     """One rendered sequence, followed from its first image on."""
-    scene = case.scene()
-    start = Start(chosen_grasp(scene[0].outline), scene[0].outline, case.size)
-    return followed_frames(case.disturbance, start, (Shown(f.image, f.time, Truth.of_scene(f)) for f in scene))
+    return followed_frames(case.disturbance, *show_scene(case.scene()))
 
 
 def followed_real(case: RealCase) -> Followed:

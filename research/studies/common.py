@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import gc
 import json
 import os
@@ -13,7 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,7 +24,7 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.io.results import describe_machine
-from grasptrack.typing import Floats
+from grasptrack.typing import Bools, Floats, Pixels
 from grasptrack_bench.method import Maker, Start
 from grasptrack_bench.metrics.score import Score, Truth
 from grasptrack_bench.simulation import SceneFrame
@@ -56,6 +57,47 @@ def data_folder() -> Path:
     """Where photos, videos and silhouettes lie: GRASPTRACK_DATA, or ../shared/data beside the repository."""
     given = os.environ.get("GRASPTRACK_DATA")
     return Path(given) if given else Path(__file__).resolve().parents[3] / "shared" / "data"
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A photo of one tool, of a kind and in a scene, and its true mask."""
+
+    name: str
+    kind: str
+    scene: str
+    image: Pixels
+    truth: Bools
+
+    def deepest(self) -> tuple[float, float]:
+        """(x, y) px of the mask's pixel that is farthest from all that is not of it: where a user would point."""
+        padded = np.pad(self.truth, 1).astype(np.uint8)
+        depth = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+        y, x = np.unravel_index(int(np.argmax(depth)), self.truth.shape)
+        return float(x), float(y)
+
+
+def parse_with_photos(parser: argparse.ArgumentParser) -> tuple[argparse.Namespace, list[Photo]]:
+    """The options, and the photos that `tools/index.csv` lists, in its order; with `--only`, those whose names contain it."""
+    parser.add_argument("--data", type=Path, default=data_folder(), help="folder with tools/")
+    parser.add_argument("--only", metavar="NAME", help="photos whose names contain this")
+    args, photos = parser.parse_args(), []
+    folder = args.data / "tools"
+    if not (folder / "index.csv").is_file():
+        raise SystemExit(f"no tools/index.csv in {args.data}: give --data or set GRASPTRACK_DATA")
+    with (folder / "index.csv").open(newline="", encoding="utf-8") as file:
+        listed = [row for row in csv.DictReader(file) if args.only is None or args.only in row["name"]]
+    for row in listed:
+        name = row["name"]
+        image = cv2.imread(str(folder / "images" / f"{name}.jpg"), cv2.IMREAD_COLOR)
+        mask = cv2.imread(str(folder / "masks" / f"{name}.png"), cv2.IMREAD_GRAYSCALE)
+        if image is None or mask is None:
+            raise SystemExit(f"cannot read the photo or the mask of {name} in {folder}")
+        kind = row.get("classes", name)
+        photos.append(Photo(name, kind, row["scene"], np.asarray(image, np.uint8), np.asarray(mask) > 0))
+    if not photos:
+        raise SystemExit(f'no photo has "{args.only}" in its name')
+    return args, photos
 
 
 def run_all(function: Callable[[Case], Outcome], cases: Sequence[Case], workers: int) -> list[Outcome]:

@@ -7,13 +7,11 @@ probabilities to all hints but polygons, and leaves out each kind of object in t
 
 from __future__ import annotations
 
-import csv
 import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -36,8 +34,8 @@ from grasptrack_bench.metrics.mask_agreement import (
     mask_of,
 )
 from research.studies import common
+from research.studies.common import Photo
 from research.studies.polygons import mask_corners, move_corners
-from research.studies.segmentation import Photo, read_photos
 
 HINTS = ("nothing", "pixel", "box", "polygon")
 BINS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)
@@ -84,7 +82,7 @@ def is_mask_found(truth: Bools, mask: Bools) -> bool:
     return boundary_f(truth, mask) >= ENOUGH_F and intersection_over_union(truth, mask) >= ENOUGH_IOU
 
 
-def evaluate_photo(photo: Photo, kind: str, hint: str, segmenter: Any) -> Looked:
+def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> Looked:
     """One photo with one hint: the deepest pixel of the mask, its bounding box, or a rough polygon."""
     told: dict[str, Any] = {}
     if hint == "pixel":
@@ -103,7 +101,7 @@ def evaluate_photo(photo: Photo, kind: str, hint: str, segmenter: Any) -> Looked
     right = [is_found(photo.truth, c.view) for c in distinct_candidates(found)]
     first = found[0] if found else None
     return Looked(
-        kind,
+        photo.kind,
         photo.scene,
         hint,
         bool(right and right[0]),
@@ -206,23 +204,13 @@ def report_fit(looked: Sequence[Looked]) -> None:
 def main() -> None:
     """Run the study."""
     parser = common.create_parser(__doc__)
-    parser.add_argument("--data", type=Path, default=common.data_folder(), help="folder with tools/")
     parser.add_argument("--segmenter", help='as `track --segmenter`; "classical" if not given')
-    parser.add_argument("--only", metavar="NAME", help="photos whose names contain this")
     parser.add_argument("--fit", action="store_true", help="print numbers of probabilities fitted to these photos")
-    args = parser.parse_args()
-    folder = args.data / "tools"
-    if not (folder / "index.csv").is_file():
-        raise SystemExit(f"no tools/index.csv in {args.data}: give --data or set GRASPTRACK_DATA")
-    photos = read_photos(folder, args.only)
-    if not photos:
-        raise SystemExit(f'no photo has "{args.only}" in its name')
-    with (folder / "index.csv").open(newline="", encoding="utf-8") as file:
-        kinds = {row["name"]: row.get("classes", row["name"]) for row in csv.DictReader(file)}
+    args, photos = common.parse_with_photos(parser)
     given = segmenter_for(args.segmenter)
     segmenter = Remembered(given) if isinstance(given, SalientNet) else given
     common.begin_section(f"First look: photos of one tool each, {args.segmenter or 'classical'}")
-    looked = [evaluate_photo(photo, kinds[photo.name], hint, segmenter) for photo in photos for hint in HINTS]
+    looked = [evaluate_photo(photo, hint, segmenter) for photo in photos for hint in HINTS]
     rows = []
     for hint in HINTS:
         for scene in [*sorted({r.scene for r in looked}), "all"]:

@@ -8,11 +8,9 @@ left out.
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
@@ -26,7 +24,6 @@ from grasptrack.segmentation.snapping import OutlineSnapper, SnapNumbers, snap_n
 from grasptrack.typing import Bools, Floats
 from grasptrack_bench.metrics.mask_agreement import ENOUGH_F, ENOUGH_IOU, boundary_f, intersection_over_union
 from research.studies import common
-from research.studies.segmentation import read_photos
 
 CORNERS, OFF = 2.5, 6.0
 """px: a polygon has the corners that keep it so near the mask's outline, and is so far off."""
@@ -55,17 +52,17 @@ class Drawn(NamedTuple):
     polygons: dict[str, Floats]
 
 
-def mask_corners(truth: Bools, within: float = CORNERS) -> Floats:
-    """(n, 2) px, corners of a polygon within so many px of a mask's outline."""
+def mask_corners(truth: Bools) -> Floats:
+    """(n, 2) px, corners of a polygon within `CORNERS` px of a mask's outline."""
     chains = cv2.findContours(truth.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-    corners = cv2.approxPolyDP(max(chains, key=cv2.contourArea), within, True)
+    corners = cv2.approxPolyDP(max(chains, key=cv2.contourArea), CORNERS, True)
     return np.asarray(corners, dtype=np.float64).reshape(-1, 2)
 
 
-def move_corners(corners: Floats, seed: int, off: float = OFF) -> Floats:
-    """Corners, each moved so many px in any direction."""
+def move_corners(corners: Floats, seed: int) -> Floats:
+    """Corners, each moved by `OFF` px in any direction."""
     angle = np.random.default_rng((len(corners), seed)).uniform(0.0, 2.0 * math.pi, len(corners))
-    return np.asarray(corners + off * np.column_stack([np.cos(angle), np.sin(angle)]), dtype=np.float64)
+    return np.asarray(corners + OFF * np.column_stack([np.cos(angle), np.sin(angle)]), dtype=np.float64)
 
 
 def draw_polygons(truth: Bools) -> dict[str, Floats]:
@@ -130,27 +127,18 @@ def fit_numbers(photos: Sequence[Drawn], start: SnapNumbers) -> SnapNumbers:
 def main() -> None:
     """Run the study."""
     parser = common.create_parser(__doc__)
-    parser.add_argument("--data", type=Path, default=common.data_folder(), help="folder with tools/")
     parser.add_argument("--segmenter", help='as `track --segmenter`; "classical" if not given')
-    parser.add_argument("--only", metavar="NAME", help="photos whose names contain this")
     parser.add_argument(
         "--fit", action="store_true", help="fit the numbers, and once without each kind of object: an hour"
     )
-    args = parser.parse_args()
-    folder = args.data / "tools"
-    if not (folder / "index.csv").is_file():
-        raise SystemExit(f"no tools/index.csv in {args.data}: give --data or set GRASPTRACK_DATA")
-    with (folder / "index.csv").open(newline="", encoding="utf-8") as file:
-        kinds = {row["name"]: row.get("classes", row["name"]) for row in csv.DictReader(file)}
+    args, listed = common.parse_with_photos(parser)
     segmenter = segmenter_for(args.segmenter)
     photos = []
-    for photo in read_photos(folder, args.only):
+    for photo in listed:
         maps = [] if segmenter is None else [r.mask for r in segmenter.regions(photo.image, FirstImage())]
         map_ = np.mean(maps, axis=0).astype(np.float32) if maps else None
         edges = ClosedEdgeSegmenter(lab_planes(photo.image))
-        photos.append(Drawn(kinds[photo.name], photo.truth, edges, map_, draw_polygons(photo.truth)))
-    if not photos:
-        raise SystemExit(f'no photo has "{args.only}" in its name')
+        photos.append(Drawn(photo.kind, photo.truth, edges, map_, draw_polygons(photo.truth)))
     common.begin_section(f"Rough outlines, snapped: {len(photos)} photos, {args.segmenter or 'classical'}")
     used = snap_numbers(segmenter is not None)
     rows = []

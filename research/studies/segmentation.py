@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import csv
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from grasptrack_bench.metrics.mask_agreement import (
     mask_of,
 )
 from research.studies import common
+from research.studies.common import Photo
 
 Hint = tuple[float, float] | None
 """(x, y) px that the object covers."""
@@ -39,23 +39,6 @@ BLOCK, OFFSET, CLOSING = 51, 5, 7
 WIDTH = 480
 """px of a picture of a failure."""
 GREEN, RED, YELLOW = (60, 220, 60), (60, 60, 255), (0, 230, 255)
-
-
-@dataclass(frozen=True)
-class Photo:
-    """A photo of one tool and its true mask."""
-
-    name: str
-    scene: str
-    image: Pixels
-    truth: Bools
-
-    def deepest(self) -> tuple[float, float]:
-        """(x, y) px of the mask's pixel that is farthest from all that is not of it: where a user would point."""
-        padded = np.pad(self.truth, 1).astype(np.uint8)
-        depth = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-        y, x = np.unravel_index(int(np.argmax(depth)), self.truth.shape)
-        return float(x), float(y)
 
 
 @dataclass(frozen=True)
@@ -74,20 +57,6 @@ class Judged:
     def enough(self) -> bool:
         """Whether the object counts as found."""
         return self.f >= ENOUGH_F and self.iou >= ENOUGH_IOU
-
-
-def read_photos(folder: Path, only: str | None) -> list[Photo]:
-    """The photos that index.csv lists, in its order; with `only`, those whose names contain it."""
-    found = []
-    with (folder / "index.csv").open(newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            if only is None or only in row["name"]:
-                image = cv2.imread(str(folder / "images" / f"{row['name']}.jpg"), cv2.IMREAD_COLOR)
-                mask = cv2.imread(str(folder / "masks" / f"{row['name']}.png"), cv2.IMREAD_GRAYSCALE)
-                if image is None or mask is None:
-                    raise SystemExit(f"cannot read the photo or the mask of {row['name']} in {folder}")
-                found.append(Photo(row["name"], row["scene"], np.asarray(image, np.uint8), np.asarray(mask) > 0))
-    return found
 
 
 # --- methods -------------------------------------------------------------------------------------
@@ -233,16 +202,9 @@ def draw_comparison(row: Judged) -> Pixels:
 def main() -> None:
     """Run and print."""
     parser = common.create_parser(__doc__)
-    parser.add_argument("--data", type=Path, default=common.data_folder(), help="folder with tools/")
     parser.add_argument("--pictures", type=Path, help="folder for pictures of what ours did not find")
     parser.add_argument("--method", choices=list(METHODS), help="this one alone")
-    parser.add_argument("--only", metavar="NAME", help="photos whose names contain this")
-    args = parser.parse_args()
-    if not (args.data / "tools" / "index.csv").is_file():
-        raise SystemExit(f"no tools/index.csv in {args.data}: give --data or set GRASPTRACK_DATA")
-    photos = read_photos(args.data / "tools", args.only)
-    if not photos:
-        raise SystemExit(f'no photo has "{args.only}" in its name')
+    args, photos = common.parse_with_photos(parser)
     common.begin_section("Segmentation: photos of one tool each against their masks")
     methods = [args.method] if args.method else list(METHODS)
     for method in methods:

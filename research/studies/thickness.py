@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 import grasptrack as gt
-from grasptrack_bench.method import Shown, Start, chosen_grasp, score_sequence
+from grasptrack_bench.method import score_sequence
 from grasptrack_bench.methods import method_makers
-from grasptrack_bench.metrics.score import FrameScore, Truth
+from grasptrack_bench.metrics.score import FrameScore
+from grasptrack_bench.scenes import show_scene
 from grasptrack_bench.simulation import SHAPES, Camera, Conditions, Path, Scene
 from grasptrack_bench.simulation.textures import Look, sample_look
 from research.studies import common
@@ -69,11 +70,8 @@ def _choose_look(part: str, light: bool, way: int) -> Look:
 
 def track_case(case: Case) -> list[FrameScore]:
     """Scored frames of `auto`; a frame's index is its tilt in degrees. Empty where the first view has no grasp."""
-    scene = case.scene()
-    outline = scene[0].outline
-    shown = (Shown(frame.image, frame.time, Truth.of_scene(frame)) for frame in scene)
     try:
-        start = Start(chosen_grasp(outline), outline, (scene.camera.width, scene.camera.height))
+        start, shown = show_scene(case.scene())
     except gt.GraspError:
         return []
     return score_sequence(shown, method_makers(["auto"]), start)["auto"]

@@ -27,11 +27,11 @@ from grasptrack.trackability.prediction import (
     predict_run,
 )
 from grasptrack.typing import Floats
-from grasptrack_bench.method import Shown, Start, chosen_grasp, score_sequence
+from grasptrack_bench.method import Shown, Start, score_sequence
 from grasptrack_bench.methods import method_makers
-from grasptrack_bench.metrics.score import FrameScore, Truth
+from grasptrack_bench.metrics.score import FrameScore
 from grasptrack_bench.real import RealCase, sequence_of, videos_of
-from grasptrack_bench.scenes import SceneCase, built_in, make_scene_cases
+from grasptrack_bench.scenes import SceneCase, built_in, make_scene_cases, show_scene
 from research.studies import common
 
 LEVELS = ("good", "fair", "poor")
@@ -108,13 +108,8 @@ def inspect_and_track(kind: str, name: str, start: Start, shown: Iterable[Shown]
 
 def of_scene(case: SceneCase) -> Outcome | None:
     """A rendered scene; None where there is nothing to choose."""
-    scene = case.scene()
-    outline = scene[0].outline
     try:
-        start = Start(chosen_grasp(outline, case.fingers, case.friction), outline, case.size)
-        return inspect_and_track(
-            case.disturbance, case.name, start, (Shown(f.image, f.time, Truth.of_scene(f)) for f in scene)
-        )
+        return inspect_and_track(case.disturbance, case.name, *show_scene(case.scene(), case.fingers, case.friction))
     except GraspTrackError:
         return None
 

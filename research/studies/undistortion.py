@@ -6,31 +6,24 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from typing import Any
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 import grasptrack as gt
 from grasptrack.segmentation.undistortion import Undistortion
-from grasptrack_bench.method import Shown, Start, chosen_grasp, score_sequence
-from grasptrack_bench.metrics.score import FrameScore, Truth
-from grasptrack_bench.scenes import Part, SceneCase
+from grasptrack_bench.method import Start, score_sequence
+from grasptrack_bench.metrics.score import FrameScore
+from grasptrack_bench.scenes import Part, SceneCase, show_scene
 from grasptrack_bench.simulation import SHAPES
 from research.studies import common
 
 METHODS = ("`lens`, camera not told", "`lens`, camera told", "`clean-6dof`, to compare")
 
 
-class Told:
+def tracker_with(camera: gt.Camera | None, start: Start) -> gt.GraspTracker:
     """The tracker with a camera, or without."""
-
-    def __init__(self, start: Start, camera: gt.Camera | None) -> None:
-        self._tracker = gt.GraspTracker(grasp=start.contacts, camera=camera)
-
-    def update(self, image: NDArray[Any], time: float | None) -> gt.TrackResult:
-        """The tracker's answer."""
-        return self._tracker.update(image, time=time)
+    return gt.GraspTracker(grasp=start.contacts, camera=camera)
 
 
 def score_part(task: tuple[str, int]) -> dict[str, list[FrameScore]]:
@@ -42,13 +35,11 @@ def score_part(task: tuple[str, int]) -> dict[str, list[FrameScore]]:
     camera = gt.Camera(seen.matrix, (seen.k1, seen.k2, 0.0, 0.0), size=(seen.width, seen.height))
     found: dict[str, list[FrameScore]] = {}
     for scene, methods in ((lens, METHODS[:2]), (lensless, METHODS[2:])):
-        shown = [Shown(frame.image, frame.time, Truth.of_scene(frame)) for frame in scene]
-        outline = scene[0].outline
         try:
-            start = Start(chosen_grasp(outline), outline, (seen.width, seen.height))
+            start, shown = show_scene(scene)
         except gt.GraspError:
             return {}
-        makers = {m: lambda s, c=(camera if m == METHODS[1] else None): Told(s, c) for m in methods}
+        makers = {m: partial(tracker_with, camera if m == METHODS[1] else None) for m in methods}
         found |= score_sequence(shown, makers, start)
     return found
 

@@ -36,8 +36,9 @@ from grasptrack.io.video import VideoWriter
 from grasptrack.tracking.result import TrackResult
 from grasptrack_bench.metrics.score import FrameScore
 from grasptrack_bench.real import RealCase, Truths, read_scenes, videos_of
-from grasptrack_bench.records import read_homographies, read_records, write_homographies, write_records
+from grasptrack_bench.records import read_homographies, read_records, write_records
 from grasptrack_bench.run_folder import read_run
+from scores import write_homographies
 
 IMAGES = (".png", ".jpg", ".bmp", ".tif", ".pgm")
 VIDEOS = (".mp4", ".avi", ".mkv")

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scored frames made up at random, of every kind there can be."""
+"""Scored frames made up at random, of every kind there can be; and tables of homographies as users would write them."""
 
 from __future__ import annotations
 
+import csv
 import math
+from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
@@ -58,3 +61,11 @@ def random_run(rng: np.random.Generator, frames: int = 60) -> list[FrameScore]:
             )
         )
     return run
+
+
+def write_homographies(path: Path, table: Mapping[int, np.ndarray]) -> None:
+    """What `read_homographies` reads, digits and all: H_current_reference (3, 3) by frame, and a column that it passes over."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["frame", *(f"h{row}{column}" for row in "123" for column in "123"), "visible"])
+        writer.writerows([frame, *(repr(float(h)) for h in H.ravel()), "0.5"] for frame, H in sorted(table.items()))

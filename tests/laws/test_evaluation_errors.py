@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from grasptrack_bench.metrics.errors import (
     contact_distances,
     error_measure,
-    reference_error,
     sequence_error,
 )
 
@@ -49,7 +48,7 @@ def test_per_cent_of_the_opening_is_invariant_and_the_papers_unit_is_not(scale: 
 
 
 def test_sequence_error_is_the_mean_of_averages_and_the_largest_maximum() -> None:
-    frames = [reference_error(TRUTH + np.array([[d, 0.0], [0.0, 0.0]]), TRUTH, 4000.0) for d in (0.0, 2.0, 4.0)]
+    frames = [error_measure(TRUTH + np.array([[d, 0.0], [0.0, 0.0]]), TRUTH, 4000.0) for d in (0.0, 2.0, 4.0)]
     measure = sequence_error(frames)
     assert measure.average_px == pytest.approx(1.0)
     assert measure.maximum_px == pytest.approx(4.0)

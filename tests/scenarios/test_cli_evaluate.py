@@ -17,9 +17,10 @@ import pytest
 
 from grasptrack.cli.main import main
 from grasptrack_bench.methods import OURS
-from grasptrack_bench.records import EACH, FIXED, LAST, read_records, write_homographies
+from grasptrack_bench.records import EACH, FIXED, LAST, read_records
 from grasptrack_bench.simulation import SHAPES, Scene, similarity_path
 from grasptrack_bench.simulation.disturbances import DISTURBANCES
+from scores import write_homographies
 
 SMALL = ["--shapes", "bracket", "--frames", "6", "--workers", "1"]
 

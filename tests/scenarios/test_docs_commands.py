@@ -196,9 +196,10 @@ def test_every_command_is_known(command: str) -> None:
     elif words[:3] == ["python", "-m", "research.paper"]:
         typer.main.get_command(paper).make_context("paper", words[3:])
     elif (study := study_of(words)) is not None:  # tests/slow/test_studies.py runs each
-        shown = (ROOT / "research" / "studies" / f"{study}.py").read_text(encoding="utf-8")
+        files = [ROOT / "research" / "studies" / f"{name}.py" for name in (study, "common")]
+        shown = "".join(file.read_text(encoding="utf-8") for file in files)
         options = {w for w in words if w.startswith("--")}
-        assert {o for o in options - {"--output"} if f'"{o}"' not in shown} == set(), "unknown options"
+        assert {o for o in options if f'"{o}"' not in shown} == set(), "unknown options"
     elif words[0] == "make":
         subprocess.run(["make", "-n", *words[1:]], cwd=ROOT, check=True, capture_output=True)
     elif words[0] == "pip":

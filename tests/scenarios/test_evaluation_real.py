@@ -20,7 +20,8 @@ from grasptrack_bench.baselines.direct import Ecc
 from grasptrack_bench.method import Method, Start
 from grasptrack_bench.metrics.score import accept_limit
 from grasptrack_bench.real import Given, another_object, read_scenes, share_in_view
-from grasptrack_bench.records import read_records, write_homographies
+from grasptrack_bench.records import read_records
+from scores import write_homographies
 
 SIZE = (320, 240)
 CARD = np.array([[60.0, 60.0], [130.0, 66.0], [126.0, 112.0], [56.0, 106.0]])

@@ -26,6 +26,7 @@ if find_spec("mujoco") is None:  # not imported here: the package says first how
 
 from grasptrack_bench.physics import World
 from grasptrack_bench.physics.images import MujocoImages, boxes_seen, offscreen_error
+from grasptrack_bench.physics.model import import_mujoco
 from led_by_truth import lift_by_truth
 
 
@@ -170,6 +171,17 @@ def test_three_fingers_led_by_the_truth_lift_a_disc(arm: str) -> None:
 # --- what is seen ---------------------------------------------------------------------------------
 
 
+def part_mask(world: World) -> np.ndarray:
+    """(480, 640) where MuJoCo draws the part, pixel by pixel."""
+    mujoco = import_mujoco()
+    segments = mujoco.Renderer(world.model, 480, 640)
+    segments.enable_segmentation_rendering()
+    segments.update_scene(world.data, camera="hand")
+    found = segments.render()
+    pieces = np.flatnonzero(world.model.geom_bodyid == world.model.body("part").id)
+    return np.isin(found[..., 0], pieces) & (found[..., 1] == int(mujoco.mjtObj.mjOBJ_GEOM))
+
+
 def test_the_part_is_seen_where_the_truth_says_by_mujoco_as_well() -> None:
     """Both renderers draw the upper face and the sides; their silhouettes differ by less than half a px on average."""
     why = offscreen_error()
@@ -180,9 +192,8 @@ def test_the_part_is_seen_where_the_truth_says_by_mujoco_as_well() -> None:
     gaps = []
     for seed in range(4):
         world = World(SHAPES["bracket"](), seed=seed, arm="arm", images="mujoco")
-        images = world.images
-        assert isinstance(images, MujocoImages)
-        drawn = images.part_mask(world)
+        assert isinstance(world.images, MujocoImages)
+        drawn = part_mask(world)
         K, at, part = world.setting.camera.matrix, world.camera_pose(), world.part_pose()
         fine = np.zeros((480 * 4, 640 * 4), np.uint8)
         for height in np.linspace(0.0, world.setting.part.thickness, 9):

@@ -8,7 +8,8 @@ import pytest
 
 from datasets import DATA
 from grasptrack import GraspTracker, open_source
-from grasptrack_bench.real import score_video
+from grasptrack_bench.metrics.score import Score
+from grasptrack_bench.real import RealCase, run_video
 
 VIDEOS = DATA / "videos"
 
@@ -17,9 +18,14 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+def score_video(name: str, strategy: str) -> Score:
+    case = RealCase(VIDEOS / f"{name}.mp4", VIDEOS / f"{name}.derived_homographies.csv")
+    return Score(strategy, run_video((case, (strategy,)))[strategy])
+
+
 @pytest.mark.parametrize("name", ["postcard-161", "bruegel-62"])
 def test_auto_keeps_the_contacts_where_the_print_says_they_are(name: str) -> None:
-    (score,) = score_video(VIDEOS / f"{name}.mp4", VIDEOS / f"{name}.derived_homographies.csv", ["auto"])
+    score = score_video(name, "auto")
     assert score.status_share("tracked") >= 0.98, score.reasons()
     assert score.error_percentile(50) <= 1.5
     assert score.error_percentile(95) <= 3.0
@@ -29,7 +35,7 @@ def test_auto_keeps_the_contacts_where_the_print_says_they_are(name: str) -> Non
 @pytest.mark.parametrize("name", ["postcard-161", "bruegel-62"])
 @pytest.mark.parametrize("strategy", ["rrp", "grasp-line", "homography"])
 def test_no_strategy_gives_wrong_contacts_as_right(name: str, strategy: str) -> None:
-    (score,) = score_video(VIDEOS / f"{name}.mp4", VIDEOS / f"{name}.derived_homographies.csv", [strategy])
+    score = score_video(name, strategy)
     assert score.located > 0.0
     assert score.false_accepts <= 0.02 * len(score.frames)
 

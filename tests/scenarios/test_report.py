@@ -207,7 +207,12 @@ def test_the_page_of_the_papers_tables(tmp_path: Path) -> None:
     )
     errors = (0.5, None, 0.25, 1e-14, 0.0)
     series = [
-        SimpleNamespace(object=o, strategy=s, kind=k, motion="4 DoF", way="first view", maximum_px=errors)
+        SimpleNamespace(
+            footage=SimpleNamespace(part=SimpleNamespace(name=o), kind=k, motion="4 DoF"),
+            strategy=s,
+            way="first view",
+            errors_px=lambda _: errors,
+        )
         for o in ("bracket", "blob")
         for s in ("rrp", "snake")
         for k in ("ideal", "rendered")

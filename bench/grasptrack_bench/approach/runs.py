@@ -32,9 +32,9 @@ from grasptrack_bench.approach.trial import Step, run_trial
 from grasptrack_bench.physics import World
 from grasptrack_bench.physics.setting import Arm, Scenario
 from grasptrack_bench.physics.world import PERIOD_S
+from grasptrack_bench.run_folder import read_unfinished
 from grasptrack_bench.schedule import Scheduler, code_fingerprint
 from grasptrack_bench.simulation.outlines import Shape
-from grasptrack_bench.unfinished import read_unfinished
 
 Progress = Callable[[str, int, int], None]
 

@@ -74,7 +74,7 @@ ROUGH = 0.04
 """Of the pad's width: rms distance of the outline under a pad from a straight line, with which it still lies on."""
 
 
-def pairs_that_close(shape: Shape, size: float, friction: float = FRICTION) -> int:
+def pairs_that_close(shape: Shape, size: float) -> int:
     """How many pairs of points two fingers could close on from outside: within the opening, both cones, room beside.
 
     Nothing of the synthesis is used. A pad's normal is that of the straight line that fits the outline under it.
@@ -82,7 +82,6 @@ def pairs_that_close(shape: Shape, size: float, friction: float = FRICTION) -> i
     Args:
         shape: the part.
         size: m, the square root of its area.
-        friction: Coulomb coefficient.
     """
     rings = [ring * size for ring in shape.polygons]
     points, normals, rough = sample_pad_contacts(rings)
@@ -92,7 +91,7 @@ def pairs_that_close(shape: Shape, size: float, friction: float = FRICTION) -> i
     length = np.hypot(across[..., 0], across[..., 1])
     with np.errstate(invalid="ignore", divide="ignore"):
         way = across / length[..., None]
-    cone = math.cos(math.atan(friction))
+    cone = math.cos(math.atan(FRICTION))
     into = np.einsum("nmi,ni->nm", way, normals)
     back = -np.einsum("nmi,mi->nm", way, normals)
     close = (into > cone) & (back > cone) & (length <= MAX_OPENING - 2.0 * SIDEWAYS) & (length > 0.0)
@@ -156,7 +155,7 @@ def has_finger_clearance(material: NDArray[np.bool_], corner: Floats, contact: F
 THIRD = 2.0 * math.pi / 3.0
 
 
-def triples_that_close(shape: Shape, size: float, friction: float = FRICTION) -> int:
+def triples_that_close(shape: Shape, size: float) -> int:
     """How many triples of points three fingers could close on from outside: at equal angles and, within EVEN, distances.
 
     Each within the opening and its cone, with room beside. Nothing of the synthesis is used. Complex numbers are points.
@@ -164,13 +163,12 @@ def triples_that_close(shape: Shape, size: float, friction: float = FRICTION) ->
     Args:
         shape: the part.
         size: m, the square root of its area.
-        friction: Coulomb coefficient.
     """
     rings = [ring * size for ring in shape.polygons]
     points, normals, rough = sample_pad_contacts(rings)
     ok = rough <= ROUGH
     p, n = points[ok] @ np.array([1.0, 1.0j]), normals[ok] @ np.array([1.0, 1.0j])
-    cone, turn = math.cos(math.atan(friction)), complex(math.cos(THIRD), math.sin(THIRD))
+    cone, turn = math.cos(math.atan(FRICTION)), complex(math.cos(THIRD), math.sin(THIRD))
     least, most = PAD_WIDTH / math.sqrt(3.0) / 2.0, 0.5 * MAX_OPENING - SIDEWAYS
     material, corner = rasterize_material(rings)
     found = set()

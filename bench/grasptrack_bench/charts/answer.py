@@ -27,7 +27,6 @@ def draw_answer(
     truth: Floats | None,
     outline: Sequence[Floats],
     answer: Floats | None,
-    size: tuple[int, int] = SIZE,
 ) -> Picture:
     """A piece of the image round the object, with its true outline and contacts and the contacts that were given.
 
@@ -36,16 +35,15 @@ def draw_answer(
         truth: (k, 2) px, true contacts; None where the object is gone.
         outline: its true polygons (n, 2) px; empty where they are not known.
         answer: (k, 2) px, contacts as they were given; None where there were none.
-        size: width and height of the picture in px.
 
     Returns:
-        (height, width, 3) uint8 BGR.
+        (300, 400, 3) uint8 BGR.
     """
     source = as_bgr(image)
     truth = None if truth is None or not np.isfinite(truth).all() else truth
     answer = None if answer is None or not np.isfinite(answer).all() else answer
-    corner, scale = _crop_window(source.shape[:2], [*outline, truth, answer], size)
-    canvas = _draw_crop(source, corner, scale, size, truth, outline, answer)
+    corner, scale = _crop_window(source.shape[:2], [*outline, truth, answer], SIZE)
+    canvas = _draw_crop(source, corner, scale, SIZE, truth, outline, answer)
     if truth is not None and answer is not None and truth.shape == answer.shape:
         _add_inset(canvas, source, corner, scale, truth, outline, answer)
     return canvas

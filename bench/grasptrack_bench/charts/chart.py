@@ -77,9 +77,9 @@ def log_ticks(low: float, high: float) -> list[float]:
     return [m * 10.0**p for p in powers for m in (1, 2, 5) if low * 0.999 <= m * 10.0**p <= high * 1.001]
 
 
-def linear_ticks(low: float, high: float, most: int = 6) -> list[float]:
-    """Round values in a range, at most so many."""
-    raw = (high - low) / most
+def linear_ticks(low: float, high: float) -> list[float]:
+    """Round values in a range, some six."""
+    raw = (high - low) / 6
     size = 10.0 ** math.floor(math.log10(raw))
     step = next(size * m for m in (1, 2, 2.5, 5, 10) if size * m >= raw * 0.999)
     first = math.ceil(low / step - 1e-9)
@@ -148,14 +148,13 @@ class Chart:
         """Places along y, counted from the top."""
         return self.bottom - self.y.to_fraction(values) * (self.bottom - self.top)
 
-    def draw_line(self, xs: ArrayLike, ys: ArrayLike, series: Series, name: str = "") -> None:
-        """A line; it breaks where a value is none. `name`: shown on hovering in the place of the series' own."""
+    def draw_line(self, xs: ArrayLike, ys: ArrayLike, series: Series) -> None:
+        """A line; it breaks where a value is none."""
         path = _svg_path(self.to_x(xs), self.to_y(ys))
         if path:
             dash = f' stroke-dasharray="{series.dash}"' if series.dash else ""
-            said = f' data-name="{escape_html(name)}"' if name else ""
             self._parts.append(
-                f'<path class="ln" data-m="{escape_html(series.name)}"{said} d="{path}" '
+                f'<path class="ln" data-m="{escape_html(series.name)}" d="{path}" '
                 f'style="stroke:var({series.variable})" stroke-width="{series.width:g}"{dash}/>'
             )
 
@@ -179,13 +178,11 @@ class Chart:
                 f'style="fill:var({series.variable})"/>'
             )
 
-    def draw_dot(
-        self, x: float, y: float, series: Series, tip: str = "", radius: float = 3.6, hollow: bool = False
-    ) -> None:
+    def draw_dot(self, x: float, y: float, series: Series, tip: str = "", *, hollow: bool = False) -> None:
         """One value."""
         px, py = float(self.to_x(x)), float(self.to_y(y))
         if np.isfinite([px, py]).all():
-            self._add_dot(px, py, series, tip, radius, hollow)
+            self._add_dot(px, py, series, tip, 3.6, hollow)
 
     def _add_dot(self, px: float, py: float, series: Series, tip: str, radius: float, hollow: bool) -> None:
         paint = f"fill:{'var(--surface)' if hollow else f'var({series.variable})'};stroke:var({series.variable})"
@@ -195,9 +192,7 @@ class Chart:
             f'style="{paint}">{said}</circle>'
         )
 
-    def draw_spread(
-        self, values: Sequence[float], y: float, series: Series, tip: str = "", *, hollow: bool = False
-    ) -> None:
+    def draw_spread(self, values: Sequence[float], y: float, series: Series, tip: str = "") -> None:
         """Low, middle and high along x at a place y px: a line with a dot."""
         low, middle, high = (float(self.to_x(v)) for v in values)
         if not np.isfinite([low, middle, high]).all():
@@ -206,7 +201,7 @@ class Chart:
             f'<path class="reach" data-m="{escape_html(series.name)}" d="M{low:.1f},{y:.1f}H{high:.1f}" '
             f'style="stroke:var({series.variable})"/>'
         )
-        self._add_dot(middle, y, series, tip, 3.4, hollow)
+        self._add_dot(middle, y, series, tip, 3.4, hollow=False)
 
     def shade_span(self, low: float, high: float, kind: str, tip: str = "") -> None:
         """Shades the values of x between two; `kind` is the class: "gone" or "partly"."""
@@ -217,17 +212,12 @@ class Chart:
             f'height="{self.bottom - self.top}">{said}</rect>'
         )
 
-    def draw_rule(self, value: float, label: str, axis: str = "x") -> None:
-        """A marked value with a line across the panel."""
-        if axis == "x":
-            at = float(self.to_x(value))
-            self._below.append(f'<path class="rule" d="M{at:.1f},{self.top}V{self.bottom}"/>')
-            late = at > 0.5 * (self.left + self.right)
-            self.draw_text(at + (4 if late else -4), self.top - 5, label, "end" if late else "")
-        else:
-            at = float(self.to_y(value))
-            self._below.append(f'<path class="rule" d="M{self.left},{at:.1f}H{self.right}"/>')
-            self.draw_text(self.right - 3, at - 4, label, "end")
+    def draw_rule(self, value: float, label: str) -> None:
+        """A marked value of x with a line across the panel."""
+        at = float(self.to_x(value))
+        self._below.append(f'<path class="rule" d="M{at:.1f},{self.top}V{self.bottom}"/>')
+        late = at > 0.5 * (self.left + self.right)
+        self.draw_text(at + (4 if late else -4), self.top - 5, label, "end" if late else "")
 
     def draw_separator(self, y: float) -> None:
         """A thin line across the whole width at a place y px."""

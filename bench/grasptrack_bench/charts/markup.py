@@ -21,7 +21,7 @@ def make_slug(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "x"
 
 
-def format_number(value: float | int | None, digits: int = 3, unit: str = "") -> str:
+def format_number(value: float | int | None, digits: int = 3) -> str:
     """A number to so many significant digits, a dash for one that is none, a sign for an infinite one."""
     if value is None or math.isnan(value):
         return DASH
@@ -33,8 +33,7 @@ def format_number(value: float | int | None, digits: int = 3, unit: str = "") ->
         size = abs(value)
         places = digits - 1 - math.floor(math.log10(size)) if size > 0.0 else 0
         text = f"{value:.2e}" if 0.0 < size < 1e-4 else f"{value:.{max(0, min(places, 6))}f}"
-    text = text.replace("-", "−")
-    return f"{text}\u00a0{unit}" if unit else text
+    return text.replace("-", "−")
 
 
 def format_fixed(value: float | None, decimals: int) -> str:

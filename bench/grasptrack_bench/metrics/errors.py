@@ -43,7 +43,7 @@ class ErrorMeasure:
 
 
 def error_measure(contacts: ArrayLike, truth: ArrayLike, area: float) -> ErrorMeasure:
-    """Average and maximum over the contacts of one grasp (Section V, first formula).
+    """Average and maximum over the contacts of one grasp: R_f E or R_v E of Section V.
 
     Args:
         contacts: (k, 2) px.
@@ -60,17 +60,6 @@ def error_measure(contacts: ArrayLike, truth: ArrayLike, area: float) -> ErrorMe
     return ErrorMeasure(
         average, maximum, average / area, maximum / area, 100.0 * average / opening, 100.0 * maximum / opening
     )
-
-
-def reference_error(transferred: ArrayLike, truth: ArrayLike, area: float) -> ErrorMeasure:
-    """R_f E (Section V, 2): transferred contacts against their actual correspondences, in the second image.
-
-    Args:
-        transferred: (k, 2) px.
-        truth: (k, 2) px.
-        area: px^2 of the object in the second image.
-    """
-    return error_measure(transferred, truth, area)
 
 
 def sequence_error(frames: Iterable[ErrorMeasure]) -> ErrorMeasure:

@@ -76,9 +76,6 @@ class Truth:
         return float(abs(a * d - b * c))
 
 
-STATUSES = ("tracked", "unstable", "lost", "searching")
-
-
 @dataclass(frozen=True, slots=True)
 class FrameScore:
     """One frame: what was said, and how far each contact was off.
@@ -237,12 +234,6 @@ class Score:
         """px; NaN where there is nothing to measure."""
         return float(np.percentile(self.contact_errors, percent)) if len(self.contact_errors) else math.nan
 
-    def latency_percentile(self, percent: float) -> float:
-        """ms; NaN where there is nothing to measure."""
-        times = np.array([f.latency_ms for f in self.frames])
-        times = times[np.isfinite(times)]
-        return float(np.percentile(times, percent)) if len(times) else math.nan
-
     def reasons(self, *statuses: str) -> list[tuple[str, int]]:
         """Reasons given with these statuses (lost and searching where none is named), the most frequent first.
 
@@ -256,23 +247,6 @@ class Score:
                 kind = re.sub(r"[-+]?\d+(\.\d+)?", "#", f.reason)
                 counts[first.setdefault(kind, f.reason)] += 1
         return counts.most_common()
-
-    def row(self) -> dict[str, float | int | str]:
-        """The figures of a closing table: counts of frames, errors in px, latency in ms."""
-        counts = Counter(f.status for f in self.frames)
-        main = self.reasons()
-        return {
-            "strategy": self.name,
-            "frames": len(self.frames),
-            **{status: counts.get(status, 0) for status in STATUSES},
-            "reason": main[0][0] if main else "",
-            "error_median_px": self.error_percentile(50),
-            "error_p95_px": self.error_percentile(95),
-            "error_max_px": self.error_percentile(100),
-            "false_accepts": self.false_accepts,
-            "latency_median_ms": self.latency_percentile(50),
-            "latency_p99_ms": self.latency_percentile(99),
-        }
 
 
 def errors_of(frames: Iterable[FrameScore]) -> Floats:

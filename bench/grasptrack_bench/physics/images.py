@@ -99,7 +99,6 @@ class MujocoImages:
         self.texture = _TEXTURE if found else ""
         self.assets = {_TEXTURE: data.tobytes()} if found else {}
         self._renderer: Any = None
-        self._segments: Any = None
         self._model: Any = None
 
     def bind(self, model: Any) -> None:
@@ -117,16 +116,6 @@ class MujocoImages:
         grey = cv2.cvtColor(np.asarray(self._renderer.render(), dtype=np.uint8), cv2.COLOR_RGB2GRAY)
         soft = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 0.6)
         return add_camera_noise(np.asarray(soft, dtype=np.float32), self._blocked_seed, frame)
-
-    def part_mask(self, world: World) -> NDArray[np.bool_]:
-        """(480, 640) where MuJoCo draws the part, pixel by pixel; for comparing with the planar images."""
-        if self._segments is None:
-            self._segments = import_mujoco().Renderer(self._model, HEIGHT, WIDTH)
-            self._segments.enable_segmentation_rendering()
-        self._segments.update_scene(world.data, camera="hand")
-        found = self._segments.render()
-        pieces = np.flatnonzero(self._model.geom_bodyid == self._model.body("part").id)
-        return np.asarray(np.isin(found[..., 0], pieces) & (found[..., 1] == int(import_mujoco().mjtObj.mjOBJ_GEOM)))
 
 
 BLUR = 0.7

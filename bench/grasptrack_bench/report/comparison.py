@@ -41,6 +41,8 @@ MATTERS: dict[str, tuple[float, float]] = {
 """A difference that is smaller is of no use to anybody, noise or not: absolute, and as a share of the first value."""
 UNLIKELY = 0.01
 """A number of new wrong answers that chance would give no more often is no chance."""
+DRAWS = 500
+"""How often sequences are drawn again."""
 FELL = 0.1
 """Share of a sequence's frames, located before and not now, that make it worth a look."""
 
@@ -122,7 +124,7 @@ class Comparison:
         return sorted(found, key=lambda c: (c.measure != "false_accepts", c.level != ALL))
 
 
-def compare_runs(a: Path, b: Path, *, seed: int = 0, draws: int = 500) -> Comparison:
+def compare_runs(a: Path, b: Path) -> Comparison:
     """Put two runs side by side.
 
     A difference counts when it is larger than what matters to anybody, and than the noise with which it would differ on
@@ -132,8 +134,6 @@ def compare_runs(a: Path, b: Path, *, seed: int = 0, draws: int = 500) -> Compar
 
     Args:
         a, b: folders of runs; a is the one before.
-        seed: of the drawing.
-        draws: how often.
 
     Raises:
         InputError: a run cannot be read, they are of different kinds, or have no sequence or method in common.
@@ -158,7 +158,7 @@ def compare_runs(a: Path, b: Path, *, seed: int = 0, draws: int = 500) -> Compar
         for level, names in groups:
             units = units_of(sequences[method][name] for name in names if name in sequences[method])
             if len(units) not in taken:
-                taken[len(units)] = bootstrap_counts(len(units), draws, seed) if units else np.empty((draws, 0))
+                taken[len(units)] = bootstrap_counts(len(units), DRAWS, 0) if units else np.empty((DRAWS, 0))
             found.append((method, level, units, measures_of(units, taken[len(units)])))
     count = sum(not math.isnan(m.error) for *_, measures in found for m in measures.values())
     same_machine = one.index.get("machine") == other.index.get("machine")

@@ -35,29 +35,10 @@ _BEST_OF = ("median_px", "rms_px", "p95_px", "median_ms")
 """Not the shares located: whoever always answers has the best of these, right or wrong."""
 
 
-CLOSING_HEADS = (
-    ("method", "left"),
-    ("located %\nwhole", "right"),
-    ("\npartly", "right"),
-    ("wrong\nframes", "right"),
-    ("\nbelow %", "right"),
-    ("error px\nmedian", "right"),
-    ("\n95 %", "right"),
-    ("\nRMS", "right"),
-    ("ms\nmedian", "right"),
-    ("\n99 %", "right"),
-    ("frames", "right"),
-)
-VIDEO_HEADS = (
-    ("video", "left"),
-    ("method", "left"),
-    ("frames\nwhole", "right"),
-    ("located %\nof these", "right"),
-    ("wrong\nframes", "right"),
-    ("error px\nmedian", "right"),
-    ("\n95 %", "right"),
-    ("ms\nmedian", "right"),
-)
+_CLOSING = "method", "located %\nwhole", "\npartly", "wrong\nframes", "\nbelow %"
+_ERROR_HEADS, _MS_HEADS = ("error px\nmedian", "\n95 %"), ("ms\nmedian", "\n99 %")
+CLOSING_HEADS = *_CLOSING, *_ERROR_HEADS, "\nRMS", *_MS_HEADS, "frames"
+VIDEO_HEADS = "video", "method", "frames\nwhole", "located %\nof these", "wrong\nframes", *_ERROR_HEADS, _MS_HEADS[0]
 
 
 def format_measure(term: Term, value: float | int) -> str:
@@ -148,10 +129,12 @@ def closing_table(folder: Path) -> tuple[Sequence[tuple[str, str]], list[list[st
     """
     run = read_run(folder)
     summary = summarise_run(run)
+    heads: Sequence[str] = CLOSING_HEADS
+    cells = [[row.method, *_row_cells(row)] for row in summary.overall]
     if run.kind == "real":
         rows = sorted(summary.by_level, key=lambda row: summary.levels.index(row.level))
-        return VIDEO_HEADS, [_of_video(row) for row in (*rows, *summary.overall)]
-    return CLOSING_HEADS, [[row.method, *_row_cells(row)] for row in summary.overall]
+        heads, cells = VIDEO_HEADS, [_of_video(row) for row in (*rows, *summary.overall)]
+    return [(head, "left" if head in ("method", "video") else "right") for head in heads], cells
 
 
 def _cell_tint(term: Term, value: float, values: Sequence[float]) -> tuple[float | None, Tone]:

@@ -111,10 +111,7 @@ class Laid:
         share = self.offset(index)
         if share is None:
             return None
-        ring = camera.distort(apply_homography(H, self.ring + share * self.away))
-        low, high = ring.min(axis=0), ring.max(axis=0)
-        seen = np.all(high >= 0.0) and np.all(low <= np.array([camera.width - 1, camera.height - 1]))
-        return ring if seen else None
+        return _in_view(self.ring + share * self.away, H, camera)
 
 
 @dataclass(frozen=True)
@@ -148,15 +145,17 @@ class Drifting:
     def polygon(self, index: int, H: Floats, camera: Camera) -> Floats | None:
         """(N, 2) px where it is in a frame; None where it is not in view, or reaches behind the camera."""
         ring = self.placed(index)
-        if ring is None:
-            return None
-        try:
-            ring = camera.distort(apply_homography(H, ring))
-        except ConditioningError:
-            return None
-        low, high = ring.min(axis=0), ring.max(axis=0)
-        seen = np.all(high >= 0.0) and np.all(low <= np.array([camera.width - 1, camera.height - 1]))
-        return ring if seen else None
+        return None if ring is None else _in_view(ring, H, camera)
+
+
+def _in_view(ring: Floats, H: Floats, camera: Camera) -> Floats | None:
+    """(N, 2) px of a ring in the part's plane; None where it is not in the image, or reaches behind the camera."""
+    try:
+        seen = camera.distort(apply_homography(H, ring))
+    except ConditioningError:
+        return None
+    inside = np.all(seen.max(axis=0) >= 0.0) and np.all(seen.min(axis=0) <= [camera.width - 1, camera.height - 1])
+    return seen if inside else None
 
 
 def _smooth_step(u: float) -> float:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,10 +37,13 @@ class Path:
         """Frames."""
         return len(self.distance)
 
+    def __getitem__(self, frames: slice) -> Path:
+        """The path of some of the frames."""
+        return Path(*(getattr(self, field.name)[frames] for field in fields(self)))
+
     def pose(self, index: int) -> Path:
         """The path of one frame that stays at that pose."""
-        k = slice(index, index + 1)
-        return Path(self.target[k], self.distance[k], self.roll[k], self.tilt[k], self.azimuth[k])
+        return self[index : index + 1]
 
     def table_to_image(self, camera: Camera, height: float = 0.0) -> Floats:
         """(F, 3, 3) homographies from table coordinates to ideal pixels, the last element of each 1.
@@ -156,7 +159,6 @@ def tilting_path(
     )
 
 
-PARTS_OF_A_PATH = ("target", "distance", "roll", "tilt", "azimuth")
 MARGIN = 10.0
 """px between a part that is to stay in view and the border."""
 
@@ -212,7 +214,7 @@ def bounded_path(
 
 def at_rest(path: Path) -> Path:
     """A camera that stays where a path begins."""
-    return replace(path, **{k: np.repeat(getattr(path, k)[:1], len(path), axis=0) for k in PARTS_OF_A_PATH})
+    return Path(*(np.repeat(getattr(path, field.name)[:1], len(path), axis=0) for field in fields(path)))
 
 
 def add_hand_tremor(shape: Shape, path: Path, camera: Camera, *, speed: float, seed: int) -> Path:
@@ -234,11 +236,7 @@ def add_hand_tremor(shape: Shape, path: Path, camera: Camera, *, speed: float, s
     most = float(np.hypot(*np.diff(tremor[:, :2], axis=0).T).max(initial=0.0))
     units = speed / float(camera.matrix[0, 0]) * path.distance / max(most, 1e-12)
     moved = replace(path, target=path.target + units[:, None] * tremor[:, :2], roll=path.roll + 0.012 * tremor[:, 2])
-    for _ in range(60):
-        if in_view(shape, moved, camera):
-            break
-        moved = replace(moved, distance=1.02 * moved.distance)
-    return moved
+    return _kept_in_view(shape, moved, camera, 1.02)
 
 
 def from_aside(shape: Shape, path: Path, camera: Camera, *, lean: float, seed: int) -> Path:
@@ -254,11 +252,7 @@ def from_aside(shape: Shape, path: Path, camera: Camera, *, lean: float, seed: i
     u = np.clip(np.arange(len(path)) / max(1.0, 0.8 * (len(path) - 1)), 0.0, 1.0)
     azimuth = np.random.default_rng((seed, 72)).uniform(0.0, 2.0 * math.pi)
     leaning = replace(path, tilt=lean * 0.5 * (1.0 + np.cos(math.pi * u)), azimuth=np.full(len(path), azimuth))
-    for _ in range(60):
-        if in_view(shape, leaning, camera):
-            break
-        leaning = replace(leaning, distance=1.03 * leaning.distance)
-    return leaning
+    return _kept_in_view(shape, leaning, camera, 1.03)
 
 
 def add_camera_retreat(path: Path, *, factor: float, shift: tuple[float, float], times: tuple[float, float]) -> Path:
@@ -283,8 +277,7 @@ def apply_all(homographies: Floats, points: Floats) -> Floats:
 
 def _project_outline(shape: Shape, path: Path, camera: Camera, count: int) -> Floats:
     """(F, count, 2) px of points of the outline, every other frame."""
-    every = replace(path, **{k: getattr(path, k)[::2] for k in PARTS_OF_A_PATH})
-    return camera.distort(apply_all(every.table_to_image(camera), shape.samples(count)))
+    return camera.distort(apply_all(path[::2].table_to_image(camera), shape.samples(count)))
 
 
 def in_view(shape: Shape, path: Path, camera: Camera) -> bool:
@@ -292,6 +285,15 @@ def in_view(shape: Shape, path: Path, camera: Camera) -> bool:
     points = _project_outline(shape, path, camera, 60)
     limit = np.array([camera.width - 1, camera.height - 1]) - MARGIN
     return bool(np.all((points >= MARGIN) & (points <= limit)))
+
+
+def _kept_in_view(shape: Shape, path: Path, camera: Camera, farther: float) -> Path:
+    """The path from as many times `farther` as keeps the part in view."""
+    for _ in range(60):
+        if in_view(shape, path, camera):
+            break
+        path = replace(path, distance=farther * path.distance)
+    return path
 
 
 def drift_out_of_view(

@@ -215,19 +215,13 @@ class Renderer:
             return tuple(H.project(p, self.camera) for p in polygons)
         return tuple(self.camera.distort(apply_homography(H, p)) for p in polygons)
 
-    def render_light(self, H: Floats, slide: Floats | None = None) -> Floats32:
-        """(height, width) or (height, width, 3) grey levels of part and table before light, cover and noise.
+    def render_background(self, H: Projection, slide: Floats | None = None) -> Floats32:
+        """(height, width) or (height, width, 3) grey levels of the table before light, cover and noise.
 
         Args:
             H: (3, 3) table to ideal px.
             slide: (2,) table units by which the table's texture has moved under the part.
         """
-        image = self.render_background(H, slide)
-        self.draw_part(image, H)
-        return image
-
-    def render_background(self, H: Projection, slide: Floats | None = None) -> Floats32:
-        """The table alone; arguments as for `render_light`."""
         moved = np.eye(3)
         if slide is not None:
             moved[:2, 2] = slide

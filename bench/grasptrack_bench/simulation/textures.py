@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.errors import InputError
-from grasptrack.typing import Floats32, Pixels
+from grasptrack.typing import Floats, Floats32, Ints, Pixels
 
 Colour = tuple[float, float, float]
 
@@ -33,28 +32,6 @@ class Texture:
     image: Pixels
     extent: float
     middle: tuple[float, float] = (0.0, 0.0)
-
-    @classmethod
-    def from_image(cls, image: Pixels, extent: float = 4.5) -> Texture:
-        """A photo seen from above as a table or a surface.
-
-        Args:
-            image: (H, W), (H, W, 3) BGR or (H, W, 4) with alpha, which is dropped; 8 bit.
-            extent: table units from its middle to its left and right sides. Where the image is shorter than
-                wide it is mirrored sooner below and above.
-
-        Raises:
-            InputError: not an 8-bit image.
-        """
-        picture = np.asarray(image)
-        if picture.dtype != np.uint8 or picture.ndim not in (2, 3) or min(picture.shape[:2]) < 2:
-            raise InputError(
-                f"a texture is made from an 8-bit image (H, W) or (H, W, 3), not {picture.dtype} {picture.shape}",
-                shape=picture.shape,
-            )
-        if picture.ndim == 3:
-            picture = picture[..., 0] if picture.shape[2] < 3 else picture[..., :3]
-        return cls(np.ascontiguousarray(picture), extent)
 
     @property
     def to_table(self) -> NDArray[np.float64]:
@@ -202,11 +179,9 @@ SURFACES: dict[str, Callable[..., Texture]] = {
 
 
 @_texture_maker(11, size=1536, extent=4.5, colour=(152, 190, 214))
-def wood_texture(
-    rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float, planks: int = 7
-) -> Floats32:
+def wood_texture(rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float) -> Floats32:
     """A table of planks: year rings, fibres, faint seams; at contrast 1 the grain is some 4 % of the brightness."""
-    rows = np.arange(size)
+    rows, planks = np.arange(size), 7
     plank = np.minimum(rows * planks // size, planks - 1)
     bend = noise_field(rng, size, 170, 22)
     slide = rng.integers(0, size, planks)
@@ -231,6 +206,12 @@ def plain_texture(rng: np.random.Generator, size: int, extent: float, colour: Co
     return np.asarray(relief, np.float32)
 
 
+def _draw_pebbles(relief: Floats32, middle: Ints, radius: Floats, flat: Floats, turn: Floats, shade: Floats) -> None:
+    """Draw ellipses one over the other, in place; their middles (n, 2) in eighths of a px, the other arrays (n,)."""
+    for (x, y), r, f, angle, level in zip(middle.tolist(), radius, flat, turn.tolist(), shade.tolist(), strict=True):
+        cv2.ellipse(relief, (x, y), (round(8 * r), round(8 * r * f)), angle, 0, 360, level, -1, cv2.LINE_8, 3)
+
+
 @_texture_maker(14, size=1024, extent=4.5, colour=(150, 156, 160))
 def gravel_texture(rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float) -> Floats32:
     """Fine gravel or terrazzo: pebbles of many sizes and shades, close together."""
@@ -238,10 +219,7 @@ def gravel_texture(rng: np.random.Generator, size: int, extent: float, colour: C
     count = size * size // 90
     middle, radius = rng.integers(0, size, (count, 2)), np.sort(rng.gamma(4.0, 1.1, count))[::-1] + 2.0
     shade, turn, flat = 1.0 + 0.13 * rng.standard_normal(count), rng.uniform(0, 180, count), rng.uniform(0.6, 1, count)
-    for i in range(count):
-        axes = (round(8 * radius[i]), round(8 * radius[i] * flat[i]))
-        at = (8 * int(middle[i, 0]), 8 * int(middle[i, 1]))
-        cv2.ellipse(relief, at, axes, float(turn[i]), 0, 360, float(shade[i]), -1, cv2.LINE_8, 3)
+    _draw_pebbles(relief, 8 * middle, radius, flat, turn, shade)
     relief = np.asarray(cv2.GaussianBlur(relief, (0, 0), 0.9), np.float32) + 0.02 * noise_field(rng, size, 1.0, 1.0)
     return np.asarray(1.0 + contrast * (relief - relief.mean()), np.float32)
 
@@ -256,10 +234,7 @@ def pebble_texture(rng: np.random.Generator, size: int, extent: float, colour: C
     middle, radius = rng.integers(0, 8 * size, (count, 2)), np.sort(rng.uniform(least, most, count))[::-1]
     shade = 1.0 + 0.33 * np.clip(rng.standard_normal(count), -1.9, 1.9)
     turn, flat = rng.uniform(0, 180, count), rng.uniform(0.65, 1, count)
-    for i in range(count):
-        axes = (round(8 * radius[i]), round(8 * radius[i] * flat[i]))
-        at = (int(middle[i, 0]), int(middle[i, 1]))
-        cv2.ellipse(relief, at, axes, float(turn[i]), 0, 360, float(shade[i]), -1, cv2.LINE_8, 3)
+    _draw_pebbles(relief, middle, radius, flat, turn, shade)
     relief = np.asarray(cv2.GaussianBlur(relief, (0, 0), 1.0), np.float32) + 0.02 * noise_field(rng, size, 1.0, 1.0)
     return np.asarray(1.0 + contrast * (relief - relief.mean()), np.float32)
 

@@ -11,6 +11,7 @@ import typer
 from grasptrack.cli import help_groups, options
 from grasptrack.cli.terminal import command_line, show_rows, with_progress
 from grasptrack.errors import InputError
+from grasptrack_bench.verbs import option
 
 if TYPE_CHECKING:
     from grasptrack.typing import Progress
@@ -19,17 +20,14 @@ if TYPE_CHECKING:
 
 MethodNames = Annotated[
     str | None,
-    typer.Option(
+    option(
+        help_groups.METHODS,
+        "Methods to measure, by name.",
         metavar="A,B",
-        rich_help_panel=help_groups.METHODS,
-        help="Methods to measure, by name.",
         show_default="auto,rrp,grasp-line,homography",
     ),
 ]
-Peers = Annotated[
-    bool,
-    typer.Option("--peers", rich_help_panel=help_groups.METHODS, help="Also measure the baselines that are installed."),
-]
+Peers = Annotated[bool, option(help_groups.METHODS, "Also measure the baselines that are installed.", "--peers")]
 
 MOST_NAMED = 10
 """Sequences without results that are named one by one."""
@@ -49,39 +47,24 @@ def scenes(
     friction: options.Friction = 0.5,
     shapes: Annotated[
         str | None,
-        typer.Option(
+        option(
+            help_groups.SCENE,
+            "Built-in outlines, by name.",
             metavar="A,B",
-            rich_help_panel=help_groups.SCENE,
-            help="Built-in outlines, by name.",
             show_default="all, unless other parts are given",
         ),
     ] = None,
     silhouettes: options.Silhouettes = None,
-    photos: Annotated[
-        str | None,
-        typer.Option(metavar="DIR", rich_help_panel=help_groups.SCENE, help="Parts from photos, with --masks."),
-    ] = None,
+    photos: Annotated[str | None, option(help_groups.SCENE, "Parts from photos, with --masks.", metavar="DIR")] = None,
     masks: Annotated[
-        str | None,
-        typer.Option(metavar="DIR", rich_help_panel=help_groups.SCENE, help="Masks of the photos, matched by name."),
+        str | None, option(help_groups.SCENE, "Masks of the photos, matched by name.", metavar="DIR")
     ] = None,
     disturbances: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B", rich_help_panel=help_groups.SCENE, help="Disturbances, by name.", show_default="all"
-        ),
+        str | None, option(help_groups.SCENE, "Disturbances, by name.", metavar="A,B", show_default="all")
     ] = None,
-    frames: Annotated[
-        int, typer.Option(metavar="N", min=2, rich_help_panel=help_groups.SCENE, help="Number of frames of each scene.")
-    ] = 100,
+    frames: Annotated[int, option(help_groups.SCENE, "Number of frames of each scene.", metavar="N", min=2)] = 100,
     repeats: Annotated[
-        int,
-        typer.Option(
-            metavar="N",
-            min=1,
-            rich_help_panel=help_groups.SCENE,
-            help="Number of scenes for each part and disturbance.",
-        ),
+        int, option(help_groups.SCENE, "Number of scenes for each part and disturbance.", metavar="N", min=1)
     ] = 1,
     seed: options.Seed = 0,
     methods: MethodNames = None,
@@ -137,10 +120,10 @@ def real(
     friction: options.Friction = 0.5,
     given: Annotated[
         str | None,
-        typer.Option(
+        option(
+            help_groups.SCENE,
+            "What the tracker is told of each object: pixel, quad or nothing.",
             metavar="NAME",
-            rich_help_panel=help_groups.SCENE,
-            help="What the tracker is told of each object: pixel, quad or nothing.",
             show_default="pixel, with scenes.csv",
         ),
     ] = None,

@@ -6,11 +6,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
+from grasptrack_bench.verbs import option
 
 if TYPE_CHECKING:
     from grasptrack_bench.approach.case import Row
@@ -19,63 +18,42 @@ if TYPE_CHECKING:
 
 def servo(
     fingers: Annotated[
-        int,
-        typer.Option(
-            metavar="N",
-            rich_help_panel=help_groups.GRASP,
-            help="Number of fingers: 2, or 3 at 120 degrees on one drive.",
-        ),
+        int, option(help_groups.GRASP, "Number of fingers: 2, or 3 at 120 degrees on one drive.", metavar="N")
     ] = 2,
     sure: first_image.Sure = 0.0,
     shape: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", rich_help_panel=help_groups.SCENE, help="Built-in outline.", show_default="random"
-        ),
+        str | None, option(help_groups.SCENE, "Built-in outline.", metavar="NAME", show_default="random")
     ] = None,
     silhouettes: options.Silhouettes = None,
     scenario: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            rich_help_panel=help_groups.SCENE,
-            help="Scenario: static, pushed, belt, blackout or pulled.",
-        ),
+        str, option(help_groups.SCENE, "Scenario: static, pushed, belt, blackout or pulled.", metavar="NAME")
     ] = "static",
     images: Annotated[
         str | None,
-        typer.Option(
+        option(
+            help_groups.SCENE,
+            "Renderer: mujoco, planar or auto.",
             metavar="NAME",
-            rich_help_panel=help_groups.SCENE,
-            help="Renderer: mujoco, planar or auto.",
             show_default="auto; with --trials planar",
         ),
     ] = None,
     trials: Annotated[
         int | None,
-        typer.Option(
+        option(
+            help_groups.SCENE,
+            "Number of random trials, run in parallel.",
             metavar="N",
             min=1,
-            rich_help_panel=help_groups.SCENE,
-            help="Number of random trials, run in parallel.",
             show_default="one approach, which is filmed",
         ),
     ] = None,
     seed: options.Seed = 3,
-    arm: Annotated[
-        str,
-        typer.Option(metavar="NAME", rich_help_panel=help_groups.ROBOT, help="Robot: gantry (4 DoF) or arm (6 DoF)."),
-    ] = "gantry",
+    arm: Annotated[str, option(help_groups.ROBOT, "Robot: gantry (4 DoF) or arm (6 DoF).", metavar="NAME")] = "gantry",
     law: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME", rich_help_panel=help_groups.ROBOT, help="Control law: online, nominal or textbook."
-        ),
+        str, option(help_groups.ROBOT, "Control law: online, nominal or textbook.", metavar="NAME")
     ] = "online",
     output: options.Output = options.OUTPUT / "servo",
-    no_video: Annotated[
-        bool, typer.Option("--no-video", rich_help_panel=help_groups.OUTPUT, help="Do not write approach.mp4.")
-    ] = False,
+    no_video: Annotated[bool, option(help_groups.OUTPUT, "Do not write approach.mp4.", "--no-video")] = False,
     quiet: options.Quiet = False,
     risk: options.Risk = 1e-3,
     workers: options.Workers = None,
