@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of mkdocs: pages of the site that lie outside docs/, as they are: CONTRIBUTING.md, ros/README.md, the examples."""
+"""Hooks of mkdocs: pages that lie outside docs/, as they are, and a page for each package's part of the API.
+
+From outside come CONTRIBUTING.md, ros/README.md and the examples. Which public name belongs to which package says docs/api.md.
+"""
 
 from __future__ import annotations
 
@@ -14,25 +17,45 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[1]
 OUTSIDE = {"CONTRIBUTING.md": "CONTRIBUTING.md", "ros/README.md": "ros-packages.md"}
 """Files of the repository, and their names on the site."""
+SECTION = re.compile(r"^## grasptrack\.(\w+)\n\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
+NAME = re.compile(r"\[`(\w+)`\]\(\.\./src/[\w/.]+\)")
+
+
+def packages() -> dict[str, tuple[str, list[str]]]:
+    """What docs/api.md says of each package, and its public names."""
+    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    return {package: (body.split("\n")[0], NAME.findall(body)) for package, body in SECTION.findall(text)}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages from outside."""
+    """Add the pages."""
     from mkdocs.structure.files import File, InclusionLevel
+
+    def add(page: str, content: str) -> None:
+        made = File.generated(config, page, content=content)
+        made.inclusion = InclusionLevel.NOT_IN_NAV  # other pages link to them
+        files.append(made)
 
     for path, page in OUTSIDE.items():
         text = (ROOT / path).read_text(encoding="utf-8").replace("](docs/", "](")
         files.append(File.generated(config, page, content=text))
     for path in sorted((ROOT / "examples").glob("*.py")):
-        code = path.read_text(encoding="utf-8")
-        example = File.generated(config, f"examples/{path.stem}.md", content=f"# {path.name}\n\n```python\n{code}```\n")
-        example.inclusion = InclusionLevel.NOT_IN_NAV  # pages of the docs link to them
-        files.append(example)
+        add(f"examples/{path.stem}.md", f"# {path.name}\n\n```python\n{path.read_text(encoding='utf-8')}```\n")
+    for package, (about, names) in packages().items():
+        # `grasptrack.transfer` is a package and a function: the function is named by its whole path.
+        paths = [f"{package}.{name}" if name == package else name for name in names]
+        listed = "\n\n".join(f"::: grasptrack.{path}" for path in paths)
+        add(f"api/{package}.md", f"# grasptrack.{package}\n\n{about.replace('](', '](../')}\n\n{listed}\n")
     return files
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Lead links that leave docs/ to the pages added here."""
-    for path, page in OUTSIDE.items():
-        markdown = markdown.replace(f"](../{path}", f"]({page}")
+    if page.file.src_uri == "api.md":
+        for package, (_about, names) in packages().items():
+            for name in names:
+                anchor = f"grasptrack.{package}.{name}" if name == package else f"grasptrack.{name}"
+                markdown = re.sub(rf"(\[`{name}`\])\(\.\./src/[\w/.]+\)", rf"\1(api/{package}.md#{anchor})", markdown)
+    for path, name in OUTSIDE.items():
+        markdown = markdown.replace(f"](../{path}", f"]({name}")
     return re.sub(r"\]\(\.\./examples/(\w+)\.py\)", r"](examples/\1.md)", markdown)

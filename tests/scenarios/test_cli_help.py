@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Help of all verbs: one order, one form of defaults, units and values; and the command line's page says the same."""
+"""Help of all verbs: one order, one form of defaults, units and values."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
 from functools import cache
-from itertools import combinations, pairwise
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ from grasptrack.cli import help_groups
 from grasptrack.cli.main import main
 from program import whole_program
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "cli.md"
 PROGRAM: Any = whole_program()
 UNITS = {"MS": "in ms", "FPS": "in frames/s", "PX_PER_MM": "in px per mm", "MP": "in 10^6 px"}
 WORDS = {"MU": "coefficient", "P": "robability"}
@@ -173,41 +172,3 @@ def test_what_verbs_write_goes_to_one_folder() -> None:
     writers = {verb: output for verb, output in given.items() if output is not None}
     assert writers == {verb: Path("grasptrack-out") / verb.replace(" ", "-") for verb in writers}
     assert set(given) - set(writers) == {"compare", "cameras", "doctor", "models", "models get"}
-
-
-# --- the page ------------------------------------------------------------------------------------
-
-
-def rows(verb: str) -> list[tuple[list[str], str]]:
-    """Options, as they are written, and meaning of each row of the verb's table."""
-    section = re.split(r"(?m)^## ", PAGE.read_text(encoding="utf-8").split(f"\n## grasptrack {verb}\n")[1])[0]
-    table = re.match(r"(?:\|.*\n)+", section.split("| option | meaning |\n|---|---|\n")[1])
-    assert table
-    found = []
-    for row in table[0].splitlines():
-        _, cell, meaning, _ = re.split(r"(?<!\\)\| ?", row)
-        found.append((re.findall(r"`(--[^`]+)`", cell), meaning))
-    return found
-
-
-@pytest.mark.parametrize("verb", [v for v in VERBS if options(v)])
-def test_the_page_says_what_help_says(verb: str) -> None:
-    """Values by the same words; defaults, where a row tells of one option and does not refer to another verb."""
-    known = {long_name(option): option for option in options(verb)}
-    for written, meaning in rows(verb):
-        for name, _, value in (each.partition(" ") for each in written):
-            assert value == ("" if known[name].is_flag else known[name].metavar), name
-        said = re.findall(r"\[default: ([^]]*)\]", meaning)
-        assert len(said) <= 1 and not re.search(r"\[(?!default: )[^]]+\](?!\()", meaning)
-        if len(written) == 1 and not said:
-            refers = re.search(r"\bas (for|above)\b", meaning)
-            assert refers or default_of(known[written[0].split()[0]]) is None, written
-        if len(written) == 1 and said:
-            assert said[0] == default_of(known[written[0].split()[0]])
-
-
-@pytest.mark.parametrize("verb", [v for v in VERBS if options(v)])
-def test_the_page_has_the_order_of_help(verb: str) -> None:
-    order = list(shown(verb))
-    first = [order.index(written[0].split()[0]) for written, _ in rows(verb)]
-    assert all(a < b for a, b in pairwise(first))

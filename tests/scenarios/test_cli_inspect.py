@@ -81,7 +81,7 @@ def test_quiet_writes_the_files_and_says_nothing(tmp_path: Path, capsys: pytest.
 
 def test_keys_of_inspect_json_are_those_that_are_told_of(tmp_path: Path) -> None:
     seen = inspection_to_dict(inspect(plate()), "a.png", (240, 320), {})
-    told = (DOCS / "cli.md").read_text(encoding="utf-8").split("### inspect.json")[1].split("\n### ")[0]
+    told = (DOCS / "files.md").read_text(encoding="utf-8").split("## inspect.json")[1].split("\n## ")[0]
     first = re.findall(r"^\| (`[^|]+`) \|", told, re.MULTILINE)
     assert set(re.findall(r"`(\w+)`", " ".join(first))) == set(seen)
 

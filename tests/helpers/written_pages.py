@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pages and tables of docs/ that say what the code says, written from it.
+
+    python tests/helpers/written_pages.py    writes docs/cli.md, docs/api.md, docs/tables/scenes.md, and the reasons
+
+`cli.md` is the help of every verb, `api.md` the first sentence of every public name, `tables/scenes.md` the disturbances
+and the peers; the table of reasons stands between its marks in `troubleshooting.md`. `tests/scenarios/test_docs.py` compares
+all of them.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import typer
+
+import grasptrack
+from grasptrack.cli.advice import REMEDIES
+from grasptrack.tracking.messages import SENTENCES
+from grasptrack_bench.baselines import PEERS
+from grasptrack_bench.simulation.disturbances import DISTURBANCES
+from program import whole_program
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+COMMAND = "tests/helpers/written_pages.py"
+WRITTEN = f"<!-- Written by {COMMAND}: change the code, then run it. -->"
+
+VERBS = (
+    "track", "live", "demo", "synthesize", "inspect", "transfer", "servo", "evaluate scenes", "evaluate real", "compare",
+    "cameras", "models", "models get", "doctor",
+)  # fmt: skip
+CLI_HEAD = f"""# Command line
+
+{WRITTEN}
+
+What `grasptrack VERB --help` says, verb by verb. An option means the same in every verb. The files that verbs write, and
+the exit status, are in [Files](files.md); what can stand for SOURCE is in [Sources](sources.md).
+
+| value | meaning |
+|---|---|
+| N | a whole number |
+| P | a probability, 0 to 1 |
+| MU | a coefficient of friction |
+| X,Y | a place in px: to the right and down, from the centre of the first pixel |
+| L | a length with its unit: `120px` (or `120`), `40mm`, `4cm`, `0.04m`, `1.6in`, or `30%` of the root of the object's area |
+| MS, FPS, PX_PER_MM, MP | a number, in ms, frames/s, px per mm, 10^6 px |
+| NAME; A,B | one of the names that are listed; several of them |
+| DIR, FILE | a folder, a file |
+"""
+API_HEAD = f"""# API reference
+
+{WRITTEN}
+
+Every public name of `grasptrack`. On [the site](../CONTRIBUTING.md#set-up) each name leads to its whole docstring, here to
+its source. Shapes stand in parentheses, px are those of your images, angles are in rad unless a name says otherwise
+([conventions](conventions.md)). All else in the package is internal and may change. `grasptrack.__version__` is the version.
+"""
+PACKAGES = {
+    "tracking": "A tracker gets images one by one and answers each with a `TrackResult`. After "
+    '`result.status == "tracked"`, or `result.contacts is not None`, type checkers know that contacts, analysis and outline '
+    "are there.",
+    "io": "Images from any source, with their times.",
+    "view": "Results as pictures.",
+    "segmentation": "What the first image shows, and tools to say which object is meant.",
+    "trackability": "How well an object can be tracked, before the run.",
+    "grasp": "Single steps without images: outlines in, grasps and margins out. An array of points (N, 2) is an outline, too.",
+    "transfer": "A grasp of one outline, found on another by a strategy of the paper.",
+    "geometry": "Outlines, views and cameras.",
+    "servo": "From results to twists of the hand: [how it works](servo.md).",
+    "errors": "All are a `GraspTrackError`; what a user can correct is an `InputError`.",
+}
+"""Sections of the API page, in their order: the packages that have public names, and what they are for."""
+ALIASES = {
+    "Status": "The words that `TrackResult.status` can be.",
+    "StrategyName": "The names of the strategies.",
+}
+"""Public names without a docstring of their own: types that are spelled out."""
+SCENES_HEAD = f"""# Scenes and peers
+
+{WRITTEN}
+
+What `grasptrack evaluate scenes` can do to a scene, and which methods it can compare.
+[How they are measured](../evaluation.md)."""
+OWN_WORDS = {
+    "no-object": "the first look found nothing that looks like an object",
+    "off-outline": "the strategy's contacts are not on the outline",
+    "not-closing": "with this friction the contacts do not hold the object: force closure is lost",
+}
+"""Meanings of codes whose sentence is that of the step that refused."""
+REASONS = re.compile(rf"(<!-- reasons, by {COMMAND} -->\n).*?(<!-- end of reasons -->)", re.DOTALL)
+
+
+# --- the command line ----------------------------------------------------------------------------
+
+
+class _Sections:
+    """Stands for click's formatter, and keeps what is written under each heading."""
+
+    width = 80
+
+    def __init__(self) -> None:
+        self.rows: dict[str, list[tuple[str, str]]] = {}
+        self._heading = ""
+
+    @contextmanager
+    def section(self, name: str) -> Iterator[None]:
+        self._heading = name
+        yield
+
+    def write_dl(self, rows: list[tuple[str, str]], **_: Any) -> None:
+        self.rows.setdefault(self._heading, []).extend(rows)
+
+
+def command_line_page() -> str:
+    """docs/cli.md."""
+    program = whole_program()
+    verbs = ", ".join(f"[{verb}](#grasptrack-{verb.replace(' ', '-')})" for verb in VERBS)
+    parts = [CLI_HEAD, f"Verbs: {verbs}. `grasptrack --version` names version, backend and build."]
+    for verb in VERBS:
+        command = program
+        for name in verb.split():
+            command = command.commands[name]
+        parts.append(_section_of(verb, command))
+    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def _section_of(verb: str, command: Any) -> str:
+    context = typer.Context(command, info_name=f"grasptrack {verb}")
+    sections = _Sections()
+    command.format_options(context, sections)
+    arguments = [p.metavar or p.name.upper() for p in command.params if p.param_type_name == "argument"]
+    options = ["[options]"] if any(p.param_type_name == "option" for p in command.params) else []
+    prose, _, examples = inspect.cleandoc(command.help or "").partition("\b\nExamples:\n")
+    parts = [f"## grasptrack {verb}", f"```sh\n{' '.join(['grasptrack', verb, *arguments, *options])}\n```"]
+    parts += [_with_options_marked(" ".join(paragraph.split())) for paragraph in prose.strip().split("\n\n")]
+    rows = []
+    for heading, listed in sections.rows.items():
+        kept = [(name.split(" <")[0], text) for name, text in listed if "--help" not in name and heading != "Commands"]
+        named = heading not in ("Arguments", "Options", "Support")
+        rows += [f"| **{heading}** | |"] if kept and named else []
+        rows += [f"| `{name.strip()}` | {_with_options_marked(text)} |" for name, text in kept]
+    if rows:
+        parts.append("\n".join(["| option | meaning |", "|---|---|", *rows]))
+    if examples:
+        parts.append("```sh\n" + inspect.cleandoc(examples) + "\n```")
+    return "\n\n".join(parts)
+
+
+def _with_options_marked(text: str) -> str:
+    """Plain text of the help as Markdown: options and files as code, nothing emphasised by chance."""
+    return re.sub(r"(?<![\w`-])(--[a-z][a-z-]*|[\w*/]*\*[\w.*/]*|SOURCE:\S+)", r"`\1`", text).replace("|", "\\|")
+
+
+# --- the API -------------------------------------------------------------------------------------
+
+
+def api_page() -> str:
+    """docs/api.md."""
+    homes = {name: _home_of(name) for name in grasptrack.__all__ if name != "__version__"}
+    by_package: dict[str, list[str]] = {package: [] for package in PACKAGES}
+    for name, home in homes.items():
+        by_package[home.split(".")[0].replace("typing", "tracking")].append(name)
+    parts = [API_HEAD]
+    for package, names in by_package.items():
+        lines = [f"## grasptrack.{package}", "", PACKAGES[package], ""]
+        for name in sorted(names, key=lambda n: (homes[n] != f"{package}.tracker", n[0].islower(), n)):
+            lines.append(f"- [`{name}`](../src/grasptrack/{_file_of(homes[name])}): {_first_sentence(name)}")
+        parts.append("\n".join(lines))
+    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def _home_of(name: str) -> str:
+    """The module, below grasptrack, in which a public name is written."""
+    return str(getattr(_public(name), "__module__", "grasptrack.typing")).removeprefix("grasptrack.")
+
+
+def _public(name: str) -> object:
+    found = getattr(grasptrack, name)
+    return vars(found)[name] if inspect.ismodule(found) else found  # `transfer` is a package, too
+
+
+def _file_of(module: str) -> str:
+    path = module.replace(".", "/")
+    return f"{path}/__init__.py" if (ROOT / "src" / "grasptrack" / path).is_dir() else f"{path}.py"
+
+
+def _first_sentence(name: str) -> str:
+    text = ALIASES.get(name) or (inspect.getdoc(_public(name)) or "").split("\n\n")[0]
+    return " ".join(text.split()).replace("*", "\\*")
+
+
+# --- tables --------------------------------------------------------------------------------------
+
+
+def scenes_table() -> str:
+    """docs/tables/scenes.md."""
+    rows = [f"| `{d.name}` | {d.group} | {d.about} |" for d in DISTURBANCES.values()]
+    peers = [f"| `{name}` | {_first_line(peer)} |" for name, peer in PEERS.items()]
+    disturbances = "\n".join(["| name | group | what happens |", "|---|---|---|", *rows])
+    listed = "\n".join(["| name | what it is |", "|---|---|", *peers])
+    return f"{SCENES_HEAD}\n\n## Disturbances\n\n{disturbances}\n\n## Peers\n\n{listed}\n"
+
+
+def _first_line(peer: object) -> str:
+    return " ".join((inspect.getdoc(peer) or "").split("\n\n")[0].split()).replace("|", "\\|")
+
+
+def fill_reasons(page: str) -> str:
+    """The page on troubleshooting with its table of reasons written anew."""
+    rows = ["| code | what it means | what to try | picture |", "|---|---|---|---|"]
+    for code, sentence in SENTENCES.items():
+        shown = (DOCS / "images" / "reasons" / f"{code}.webp").exists()
+        picture = f"![{code}](images/reasons/{code}.webp)" if shown else ""
+        rows.append(
+            f"| `{code}` | {sentence or OWN_WORDS[code]} | {REMEDIES[code]} | {picture} |".replace("|  |", "| |")
+        )
+    return REASONS.sub(lambda found: found[1] + "\n" + "\n".join(rows) + "\n\n" + found[2], page)
+
+
+def pages() -> dict[Path, str]:
+    """Every written page, by its file."""
+    trouble = DOCS / "troubleshooting.md"
+    return {
+        DOCS / "cli.md": command_line_page(),
+        DOCS / "api.md": api_page(),
+        DOCS / "tables" / "scenes.md": scenes_table(),
+        trouble: fill_reasons(trouble.read_text(encoding="utf-8")),
+    }
+
+
+if __name__ == "__main__":
+    for path, text in pages().items():
+        path.write_text(text, encoding="utf-8")
+        print(path.relative_to(ROOT))
