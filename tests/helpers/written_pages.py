@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pages and tables of docs/ that say what the code says, written from it.
 
-    python tests/helpers/written_pages.py    writes docs/cli.md, docs/api.md, docs/tables/scenes.md, and the reasons
+    python tests/helpers/written_pages.py    writes docs/cli.md, docs/api.md, docs/tables/scenes.md, and two tables
 
 `cli.md` is the help of every verb, `api.md` the first sentence of every public name, `tables/scenes.md` the disturbances
-and the peers; the table of reasons stands between its marks in `troubleshooting.md`. `tests/scenarios/test_docs.py` compares
-all of them.
+and the peers; tables of reasons and of columns stand between their marks in `troubleshooting.md` and `files.md`.
+`tests/scenarios/test_docs.py` compares all of them.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import typer
 
 import grasptrack
 from grasptrack.cli.advice import REMEDIES
+from grasptrack.io.columns import COLUMNS, IN_JSON
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack_bench.baselines import PEERS
 from grasptrack_bench.simulation.disturbances import DISTURBANCES
@@ -93,7 +94,8 @@ OWN_WORDS = {
     "not-closing": "with this friction the contacts do not hold the object: force closure is lost",
 }
 """Meanings of codes whose sentence is that of the step that refused."""
-REASONS = re.compile(rf"(<!-- reasons, by {COMMAND} -->\n).*?(<!-- end of reasons -->)", re.DOTALL)
+WITHIN = re.compile(rf"(<!-- \w+, by {COMMAND} -->\n).*?(<!-- end -->)", re.DOTALL)
+"""A table in a page that is written by hand."""
 
 
 # --- the command line ----------------------------------------------------------------------------
@@ -220,17 +222,35 @@ def fill_reasons(page: str) -> str:
         rows.append(
             f"| `{code}` | {sentence or OWN_WORDS[code]} | {REMEDIES[code]} | {picture} |".replace("|  |", "| |")
         )
-    return REASONS.sub(lambda found: found[1] + "\n" + "\n".join(rows) + "\n\n" + found[2], page)
+    return _fill(page, rows)
+
+
+def fill_columns(page: str) -> str:
+    """The page on files with its table of columns written anew."""
+    rows = ["| column | key in JSON | unit | empty when |", "|---|---|---|---|"]
+    for column in COLUMNS:
+        names = [f"`{name}`" for name in column.cell_names(1)]
+        cells = f"{names[0]} to {names[-1]}" if len(names) > 3 else ", ".join(names)
+        more = ", ..." if "{i}" in column.cells else ""
+        rows.append(f"| {cells}{more} | `{column.name}` | {column.unit} | {column.absent} |".replace("|  |", "| |"))
+    listed = ", ".join(f"`{name}`" for name in IN_JSON)
+    return _fill(page, [*rows, "", f"Keys of a line of JSON, in their order: {listed}; on demand `outline`."])
+
+
+def _fill(page: str, lines: list[str]) -> str:
+    text = "\n".join(lines)
+    return WITHIN.sub(lambda found: f"{found[1]}\n{text}\n\n{found[2]}", page)
 
 
 def pages() -> dict[Path, str]:
     """Every written page, by its file."""
-    trouble = DOCS / "troubleshooting.md"
+    trouble, files = DOCS / "troubleshooting.md", DOCS / "files.md"
     return {
         DOCS / "cli.md": command_line_page(),
         DOCS / "api.md": api_page(),
         DOCS / "tables" / "scenes.md": scenes_table(),
         trouble: fill_reasons(trouble.read_text(encoding="utf-8")),
+        files: fill_columns(files.read_text(encoding="utf-8")),
     }
 
 

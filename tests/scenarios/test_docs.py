@@ -14,7 +14,7 @@ import pytest
 
 import written_pages
 from grasptrack.cli.main import main
-from grasptrack.io.columns import COLUMNS, IN_JSON, csv_columns
+from grasptrack.io.columns import csv_columns
 from program import whole_program
 from recordings import plates
 
@@ -127,7 +127,7 @@ def test_people_have_not_written_more_than_one_can_read() -> None:
     written = {"cli.md", "api.md"}
     count = 0
     for page in (p for p in PAGES if p not in written and not p.startswith("tables/")):
-        own = written_pages.REASONS.sub("", text(page))
+        own = written_pages.WITHIN.sub("", text(page))
         own = re.sub(r"<!-- table .*?<!-- end of table -->", "", own, flags=re.DOTALL)
         own = re.sub(r"<!--.*?-->|[|]|:?---:?", "", own, flags=re.DOTALL)
         count += len(own.split())
@@ -165,25 +165,6 @@ def test_columns_and_keys_are_those_that_are_written(tmp_path: Path) -> None:
     keys = set(json.loads((tmp_path / "out" / "run.json").read_text()))
     told = set(re.findall(r"^\| `(\w+)` \|", section("run.json"), re.MULTILINE))
     assert told == keys | {"error", "shortfall", "recordings"}
-
-
-def test_the_table_of_columns_is_the_one_that_is_written() -> None:
-    """Each row of conventions.md has cells of grasps.csv, their unit and digits, and when they are empty."""
-    table = text("conventions.md").split("| column | unit | empty when |")[1].split("\n\n")[0]
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()[2:]]
-    told = [name for first, _, _ in rows for name in re.findall(r"`(\w+)`", first)]
-    assert set(told) <= set(csv_columns(2)) and len(told) == len(set(told))
-    for column in COLUMNS:
-        names = set(column.cell_names(2))
-        (row,) = [row for row in rows if names & set(re.findall(r"`(\w+)`", row[0]))]
-        first = column.unit.split(",")[0]
-        assert row[1].startswith(first) and row[2] == column.absent, column.name
-        digits = re.search(r"(\d) (decimals|figures)", row[1])
-        kind = {"decimals": "f", "figures": "g"}
-        assert digits is None or column.digits == f".{digits[1]}{kind[digits[2]]}", column.name
-    listed = text("cli.md").split("### Lines of JSON")[1].split("\n### ")[0].split("are those of grasps.csv:")[1]
-    assert re.findall(r"`(\w+)`", listed) == [*IN_JSON, "outline"]
-    assert sorted(IN_JSON) == sorted(column.name for column in COLUMNS)
 
 
 def test_keys_of_grasps_json_are_those_that_are_written(tmp_path: Path) -> None:
