@@ -13,8 +13,8 @@ import typer
 
 from grasptrack.cli import help_groups, options
 from grasptrack.cli.main import run_app
+from grasptrack.cli.option_groups import option
 from grasptrack.cli.terminal import with_progress
-from grasptrack_bench.verbs import option
 
 if TYPE_CHECKING:
     from grasptrack.typing import Progress
@@ -35,17 +35,19 @@ app = typer.Typer(
 def paper(
     frames: Annotated[
         int | None,
-        option(help_groups.SCENE, "Number of frames of each synthetic path.", metavar="N", min=4, show_default="100"),
+        option(help_groups.SCENE, "N", "Number of frames of each synthetic path.", min=4, show_default="100"),
     ] = None,
     seeds: Annotated[
-        int | None, option(help_groups.SCENE, "Number of seeds of every shape.", metavar="N", min=1, show_default="10")
+        int | None, option(help_groups.SCENE, "N", "Number of seeds of every shape.", min=1, show_default="10")
     ] = None,
     seed: options.Seed = 0,
     quick: Annotated[
         bool,
-        option(help_groups.SCENE, "Short paths, four shapes, two seeds, where nothing else is asked for.", "--quick"),
+        option(
+            help_groups.SCENE, None, "Short paths, four shapes, two seeds, where nothing else is asked for.", "--quick"
+        ),
     ] = False,
-    output: options.Output = options.OUTPUT / "evaluate-paper",
+    output: options.Output = options.OUTPUT_FOLDER / "evaluate-paper",
     quiet: options.Quiet = False,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from grasptrack.cli import help_groups, options
-from grasptrack_bench.verbs import option
+from grasptrack.cli.option_groups import option
 
 WORSE = 1
 """Exit status with --strict where something got worse."""
@@ -19,11 +19,14 @@ def compare(
     before: Annotated[Path, typer.Argument(metavar="A", help="Folder of the first evaluation.")],
     after: Annotated[Path, typer.Argument(metavar="B", help="Folder of the second, of the same kind.")],
     output: Annotated[
-        Path | None, option(help_groups.OUTPUT, "Also write the comparison as an HTML page.", metavar="FILE")
+        Path | None, option(help_groups.OUTPUT, "FILE", "Also write the comparison as an HTML page.")
     ] = None,
     quiet: options.Quiet = False,
     strict: Annotated[
-        bool, option(help_groups.LIMITS, "Exit with status 1 if anything got worse by more than its noise.", "--strict")
+        bool,
+        option(
+            help_groups.LIMITS, None, "Exit with status 1 if anything got worse by more than its noise.", "--strict"
+        ),
     ] = False,
 ) -> None:
     """Compare two evaluations case by case, and say what got worse from A to B by more than its noise.

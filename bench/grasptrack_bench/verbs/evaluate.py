@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from grasptrack.cli import help_groups, options
+from grasptrack.cli.option_groups import option
 from grasptrack.cli.terminal import command_line, show_rows, with_progress
 from grasptrack.errors import InputError
-from grasptrack_bench.verbs import option
 
 if TYPE_CHECKING:
     from grasptrack.typing import Progress
@@ -20,14 +20,9 @@ if TYPE_CHECKING:
 
 MethodNames = Annotated[
     str | None,
-    option(
-        help_groups.METHODS,
-        "Methods to measure, by name.",
-        metavar="A,B",
-        show_default="auto,rrp,grasp-line,homography",
-    ),
+    option(help_groups.METHODS, "A,B", "Methods to measure, by name.", show_default="auto,rrp,grasp-line,homography"),
 ]
-Peers = Annotated[bool, option(help_groups.METHODS, "Also measure the baselines that are installed.", "--peers")]
+Peers = Annotated[bool, option(help_groups.METHODS, None, "Also measure the baselines that are installed.", "--peers")]
 
 MOST_NAMED = 10
 """Sequences without results that are named one by one."""
@@ -48,28 +43,23 @@ def scenes(
     shapes: Annotated[
         str | None,
         option(
-            help_groups.SCENE,
-            "Built-in outlines, by name.",
-            metavar="A,B",
-            show_default="all, unless other parts are given",
+            help_groups.SCENE, "A,B", "Built-in outlines, by name.", show_default="all, unless other parts are given"
         ),
     ] = None,
     silhouettes: options.Silhouettes = None,
-    photos: Annotated[str | None, option(help_groups.SCENE, "Parts from photos, with --masks.", metavar="DIR")] = None,
-    masks: Annotated[
-        str | None, option(help_groups.SCENE, "Masks of the photos, matched by name.", metavar="DIR")
-    ] = None,
+    photos: Annotated[str | None, option(help_groups.SCENE, "DIR", "Parts from photos, with --masks.")] = None,
+    masks: Annotated[str | None, option(help_groups.SCENE, "DIR", "Masks of the photos, matched by name.")] = None,
     disturbances: Annotated[
-        str | None, option(help_groups.SCENE, "Disturbances, by name.", metavar="A,B", show_default="all")
+        str | None, option(help_groups.SCENE, "A,B", "Disturbances, by name.", show_default="all")
     ] = None,
-    frames: Annotated[int, option(help_groups.SCENE, "Number of frames of each scene.", metavar="N", min=2)] = 100,
+    frames: Annotated[int, option(help_groups.SCENE, "N", "Number of frames of each scene.", min=2)] = 100,
     repeats: Annotated[
-        int, option(help_groups.SCENE, "Number of scenes for each part and disturbance.", metavar="N", min=1)
+        int, option(help_groups.SCENE, "N", "Number of scenes for each part and disturbance.", min=1)
     ] = 1,
     seed: options.Seed = 0,
     methods: MethodNames = None,
     peers: Peers = False,
-    output: options.Output = options.OUTPUT / "evaluate-scenes",
+    output: options.Output = options.OUTPUT_FOLDER / "evaluate-scenes",
     quiet: options.Quiet = False,
     risk: options.Risk = 1e-3,
     workers: options.Workers = None,
@@ -103,9 +93,9 @@ def scenes(
         "frames": frames,
         "repeats": repeats,
         "seed": seed,
-        "fingers": options.two_or_three(fingers),
-        "friction": options.positive_friction(friction),
-        "risk": options.risk_rate(risk),
+        "fingers": fingers,
+        "friction": friction,
+        "risk": risk,
     }
     work = suites.scene_suite(suites.SceneOptions(**asked))
     _run_suite(output, work, schedule(scheduler, workers), asked, quiet)
@@ -122,14 +112,14 @@ def real(
         str | None,
         option(
             help_groups.SCENE,
+            "NAME",
             "What the tracker is told of each object: pixel, quad or nothing.",
-            metavar="NAME",
             show_default="pixel, with scenes.csv",
         ),
     ] = None,
     methods: MethodNames = None,
     peers: Peers = False,
-    output: options.Output = options.OUTPUT / "evaluate-real",
+    output: options.Output = options.OUTPUT_FOLDER / "evaluate-real",
     quiet: options.Quiet = False,
     risk: options.Risk = 1e-3,
     workers: options.Workers = None,
@@ -159,9 +149,9 @@ def real(
         "folder": str(folder.resolve()),
         "given": options.one_of("--given", given, GIVEN),
         "methods": suites.method_names(options.parse_names(methods), peers=peers),
-        "fingers": options.two_or_three(fingers),
-        "friction": options.positive_friction(friction),
-        "risk": options.risk_rate(risk),
+        "fingers": fingers,
+        "friction": friction,
+        "risk": risk,
     }
     work = suites.real_suite(**asked)
     _run_suite(output, work, schedule(scheduler, workers), asked, quiet)

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from grasptrack.cli import first_image, help_groups, options
+from grasptrack.cli.option_groups import option
 from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
-from grasptrack_bench.verbs import option
 
 if TYPE_CHECKING:
     from grasptrack_bench.approach.case import Row
@@ -18,42 +18,35 @@ if TYPE_CHECKING:
 
 def servo(
     fingers: Annotated[
-        int, option(help_groups.GRASP, "Number of fingers: 2, or 3 at 120 degrees on one drive.", metavar="N")
+        int, option(help_groups.GRASP, "N", "Number of fingers: 2, or 3 at 120 degrees on one drive.")
     ] = 2,
     sure: first_image.Sure = 0.0,
-    shape: Annotated[
-        str | None, option(help_groups.SCENE, "Built-in outline.", metavar="NAME", show_default="random")
-    ] = None,
+    shape: Annotated[str | None, option(help_groups.SCENE, "NAME", "Built-in outline.", show_default="random")] = None,
     silhouettes: options.Silhouettes = None,
     scenario: Annotated[
-        str, option(help_groups.SCENE, "Scenario: static, pushed, belt, blackout or pulled.", metavar="NAME")
+        str, option(help_groups.SCENE, "NAME", "Scenario: static, pushed, belt, blackout or pulled.")
     ] = "static",
     images: Annotated[
         str | None,
         option(
-            help_groups.SCENE,
-            "Renderer: mujoco, planar or auto.",
-            metavar="NAME",
-            show_default="auto; with --trials planar",
+            help_groups.SCENE, "NAME", "Renderer: mujoco, planar or auto.", show_default="auto; with --trials planar"
         ),
     ] = None,
     trials: Annotated[
         int | None,
         option(
             help_groups.SCENE,
+            "N",
             "Number of random trials, run in parallel.",
-            metavar="N",
             min=1,
             show_default="one approach, which is filmed",
         ),
     ] = None,
     seed: options.Seed = 3,
-    arm: Annotated[str, option(help_groups.ROBOT, "Robot: gantry (4 DoF) or arm (6 DoF).", metavar="NAME")] = "gantry",
-    law: Annotated[
-        str, option(help_groups.ROBOT, "Control law: online, nominal or textbook.", metavar="NAME")
-    ] = "online",
-    output: options.Output = options.OUTPUT / "servo",
-    no_video: Annotated[bool, option(help_groups.OUTPUT, "Do not write approach.mp4.", "--no-video")] = False,
+    arm: Annotated[str, option(help_groups.ROBOT, "NAME", "Robot: gantry (4 DoF) or arm (6 DoF).")] = "gantry",
+    law: Annotated[str, option(help_groups.ROBOT, "NAME", "Control law: online, nominal or textbook.")] = "online",
+    output: options.Output = options.OUTPUT_FOLDER / "servo",
+    no_video: Annotated[bool, option(help_groups.OUTPUT, None, "Do not write approach.mp4.", "--no-video")] = False,
     quiet: options.Quiet = False,
     risk: options.Risk = 1e-3,
     workers: options.Workers = None,
@@ -88,7 +81,7 @@ def servo(
         "fingers": fingers,
         "law": law,
         "seed": seed,
-        "risk": options.risk_rate(risk),
+        "risk": risk,
         "sure": sure,
     }
     with first_image.by_option():

@@ -33,7 +33,7 @@ def demo(
     frames: Annotated[
         int, typer.Option(metavar="N", min=2, rich_help_panel=help_groups.SCENE, help="Number of frames.")
     ] = 120,
-    output: options.Output = options.OUTPUT / "demo",
+    output: options.Output = options.OUTPUT_FOLDER / "demo",
     no_video: options.NoVideo = False,
     quiet: options.Quiet = False,
     risk: options.Risk = 1e-3,
@@ -50,7 +50,7 @@ def demo(
     """
     from grasptrack.demo import STRATEGIES, run_demo
 
-    rate = options.risk_rate(risk)
+    rate = risk
     seconds = FRAME_S * frames * (1 if no_video else 2)
 
     def run(tell: Progress) -> list[dict[str, Any]]:

@@ -6,135 +6,37 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import typer
-
-from grasptrack.cli import help_groups
+from grasptrack.cli.help_groups import LIMITS, OBJECT, SOURCE
+from grasptrack.cli.option_groups import as_asked, option
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from grasptrack.cli.options import FollowedGrasp, HandSize
     from grasptrack.first_image import FirstImage
     from grasptrack.geometry.cameras import Camera
     from grasptrack.geometry.contours import View
     from grasptrack.io.base import Frame
+    from grasptrack.live.settings import Settings
     from grasptrack.segmentation.candidate import Candidate
     from grasptrack.segmentation.undistortion import Undistortion
+    from grasptrack.typing import Box, Floats, Pixels, Point
 
-ObjectTexts = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--object",
-        metavar="X,Y",
-        rich_help_panel=help_groups.OBJECT,
-        help="Pixel on the object in the (first) image, in px; may be repeated.",
-        show_default="the object that stands out most",
-    ),
-]
-NotTexts = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--not",
-        metavar="X,Y",
-        rich_help_panel=help_groups.OBJECT,
-        help="Pixel in the (first) image that is not on the object, in px; may be repeated.",
-    ),
-]
-BoxText = Annotated[
-    str | None,
-    typer.Option(
-        "--box",
-        metavar="X,Y,W,H",
-        rich_help_panel=help_groups.OBJECT,
-        help="Rectangle around the object, in px: left, top, width, height.",
-    ),
-]
-OutlineText = Annotated[
-    str | None,
-    typer.Option(
-        "--outline",
-        metavar='"X,Y X,Y ..."',
-        rich_help_panel=help_groups.OBJECT,
-        help="Rough polygon round the object in the (first) image, in px; it is moved onto the edges beside it.",
-    ),
-]
-MaskPath = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FILE",
-        rich_help_panel=help_groups.OBJECT,
-        help="Your own segmentation: a mask that is white on objects.",
-    ),
-]
-ChooseNumber = Annotated[
-    int | None,
-    typer.Option(
-        "--choose",
-        metavar="N",
-        min=1,
-        max=3,
-        rich_help_panel=help_groups.OBJECT,
-        help="Candidate to take, of those that candidates.png numbers.",
-        show_default="the likeliest",
-    ),
-]
 Sure = Annotated[
-    float,
-    typer.Option(
-        "--sure",
-        metavar="P",
-        rich_help_panel=help_groups.OBJECT,
-        help="Probability from which the choice of the object is called sure.",
-    ),
-]
-SegmenterName = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        rich_help_panel=help_groups.OBJECT,
-        help="Proposes objects beside the own search: a model (grasptrack models), onnx:FILE, sam:ENCODER,DECODER, a plugin.",
-    ),
-]
-BackgroundPath = Annotated[
-    str | None,
-    typer.Option(
-        "--background",
-        metavar="FILE",
-        rich_help_panel=help_groups.OBJECT,
-        help="Image of the empty bench, from where the (first) image is taken; the light may differ.",
-    ),
-]
-IgnorePath = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FILE",
-        rich_help_panel=help_groups.SOURCE,
-        help="Mask: white where pixels are ignored, such as the gripper.",
-    ),
+    float, option(OBJECT, "P", "Probability from which the choice of the object is called sure.", "--sure")
 ]
 CameraPath = Annotated[
     str | None,
-    typer.Option(
+    option(
+        SOURCE,
+        "FILE",
+        "Camera calibration (ROS, OpenCV, Kalibr or JSON); lens distortion is removed first.",
         "--camera",
-        metavar="FILE",
-        rich_help_panel=help_groups.SOURCE,
-        help="Camera calibration (ROS, OpenCV, Kalibr or JSON); lens distortion is removed first.",
     ),
 ]
-FirstLookMs = Annotated[
-    float | None,
-    typer.Option(
-        "--first-look-ms",
-        metavar="MS",
-        rich_help_panel=help_groups.LIMITS,
-        help="Work that the search for the object may do, in ms of a common machine.",
-        show_default="unlimited",
-    ),
-]
-
-
+IgnorePath = Annotated[str | None, option(SOURCE, "FILE", "Mask: white where pixels are ignored, such as the gripper.")]
 _OPTIONS = {
     "object_at": "--object",
     "not_at": "--not",
@@ -150,103 +52,182 @@ class Scene(NamedTuple):
     """An image with what the user said of it, made straight where the camera's lens is known.
 
     Attributes:
+        picture: as it was read.
         image: without the lens's distortion.
         said: of the object, in px of `image`.
-        mask: the user's segmentation of it.
+        mask: (H, W) the user's segmentation of `image`, or None.
         lens: which was taken out; None without a calibration.
+        notes: lines for the user.
     """
 
-    image: NDArray[Any]
+    picture: Pixels
+    image: Pixels
     said: FirstImage
-    mask: NDArray[Any] | None
+    mask: Pixels | None
     lens: Undistortion | None
+    notes: list[str]
 
 
-def parse_point(text: str | None, option: str) -> tuple[float, float] | None:
-    """A pixel from "x,y".
+@dataclass(frozen=True)
+class FirstImageOptions:
+    """What is said of the first image, as written."""
 
-    Raises:
-        InputError: anything else.
-    """
-    if text is None:
-        return None
-    try:
-        x, y = (float(part) for part in text.split(","))
-    except ValueError:
-        x = y = math.nan
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise InputError(f'{option} is a pixel written x,y, not "{text}"', text=text)
-    return x, y
+    object_at: Annotated[
+        list[str] | None,
+        option(
+            OBJECT,
+            "X,Y",
+            "Pixel on the object in the (first) image, in px; may be repeated.",
+            "--object",
+            show_default="the object that stands out most",
+        ),
+    ] = None
+    not_at: Annotated[
+        list[str] | None,
+        option(OBJECT, "X,Y", "Pixel in the (first) image that is not on the object, in px; may be repeated.", "--not"),
+    ] = None
+    box: Annotated[
+        str | None,
+        option(OBJECT, "X,Y,W,H", "Rectangle around the object, in px: left, top, width, height.", "--box"),
+    ] = None
+    outline: Annotated[
+        str | None,
+        option(
+            OBJECT,
+            '"X,Y X,Y ..."',
+            "Rough polygon round the object in the (first) image, in px; it is moved onto the edges beside it.",
+            "--outline",
+        ),
+    ] = None
+    mask: str | None = None
+    number: Annotated[
+        int | None,
+        option(
+            OBJECT,
+            "N",
+            "Candidate to take, of those that candidates.png numbers.",
+            "--choose",
+            min=1,
+            max=3,
+            show_default="the likeliest",
+        ),
+    ] = None
+    sure: Sure = 0.9
+    segmenter: Annotated[
+        str | None,
+        option(
+            OBJECT,
+            "NAME",
+            "Proposes objects beside the own search: a model (grasptrack models), onnx:FILE, sam:ENCODER,DECODER, a plugin.",
+        ),
+    ] = None
+    background: Annotated[
+        str | None,
+        option(
+            OBJECT,
+            "FILE",
+            "Image of the empty bench, from where the (first) image is taken; the light may differ.",
+            "--background",
+        ),
+    ] = None
+    camera: CameraPath = None
+    ignore: IgnorePath = None
+    first_look_ms: Annotated[
+        float | None,
+        option(
+            LIMITS,
+            "MS",
+            "Work that the search for the object may do, in ms of a common machine.",
+            "--first-look-ms",
+            show_default="unlimited",
+        ),
+    ] = None
+
+    def asked(self) -> dict[str, Any]:
+        """As written, for the record of a run."""
+
+        def in_one(pixels: list[str] | None) -> str | None:
+            return " ".join("".join(pixel.split()) for pixel in pixels or ()) or None
+
+        return {**as_asked(self), "object": in_one(self.object_at), "not": in_one(self.not_at)}
+
+    def said(self, contacts: Floats | None = None) -> FirstImage:
+        """What is said of the object; masks and images are not read yet.
+
+        Args:
+            contacts: (k, 2) px of --grasp.
+
+        Raises:
+            InputError: two options say which object is meant, or one cannot be read.
+        """
+        from grasptrack.first_image import FirstImage
+
+        on = [parse_point(text, "--object") for text in self.object_at or ()]
+        if bool(on) + (self.box is not None) + (self.outline is not None) > 1:
+            raise InputError("--object, --box and --outline all say which object is meant: give one of them")
+        with by_option():
+            return FirstImage.of(
+                on,
+                not_at=[parse_point(text, "--not") for text in self.not_at or ()],
+                box=None if self.box is None else _parse_rectangle(self.box, "--box"),
+                outline=None if self.outline is None else _parse_polygon(self.outline, "--outline"),
+                grasp=contacts,
+                number=self.number,
+                sure=self.sure,
+                first_look_ms=self.first_look_ms,
+            )
+
+    def with_images(self, said: FirstImage) -> FirstImage:
+        """The same with the images of --ignore and --background.
+
+        Raises:
+            SourceError, InputError: one is missing or unreadable, or the user's masks say where the object is, too.
+        """
+        empty = None
+        if self.background is not None:
+            if self.mask is not None:
+                raise InputError("--background and your own masks both say where the object is: give one of them")
+            empty = only_image(self.background, "--background takes one image").image
+        return replace(said, ignore=read_ignored(self.ignore), background=empty)
+
+    def scene(self, name: str, taken: str, contacts: Floats | None = None) -> Scene:
+        """An image with all that is said of it.
+
+        Args:
+            name: of its file.
+            taken: what the verb takes, for the message.
+            contacts: (k, 2) px of --grasp.
+
+        Raises:
+            SourceError, InputError: what is said cannot be read, or does not fit the image.
+        """
+        from grasptrack.io.masks import read_mask
+
+        said, calibration = self.said(contacts), load_calibration(self.camera)
+        said = self.with_images(said)
+        picture = only_image(name, taken).image
+        with by_option():
+            said.within(picture.shape)
+        return straighten(picture, said, calibration, None if self.mask is None else read_mask(self.mask))
 
 
-def parse_rectangle(text: str | None, option: str) -> tuple[float, float, float, float] | None:
-    """left, top, width and height in px from "x,y,w,h".
+@dataclass(frozen=True)
+class MaskedImage(FirstImageOptions):
+    """What is said of one image, of which there may be a mask."""
 
-    Raises:
-        InputError: anything else, or nothing within.
-    """
-    if text is None:
-        return None
-    try:
-        x, y, w, h = (float(part) for part in text.split(","))
-    except ValueError:
-        x = y = w = h = math.nan
-    if not (math.isfinite(x + y + w + h) and w > 0.0 and h > 0.0):
-        raise InputError(f'{option} is left,top,width,height in px, not "{text}"', text=text)
-    return x, y, w, h
+    mask: Annotated[str | None, option(OBJECT, "FILE", "Your own segmentation: a mask that is white on objects.")] = (
+        None
+    )
 
 
-def parse_points(texts: Sequence[str] | None, option: str) -> list[tuple[float, float]]:
-    """Pixels, each from "x,y".
+@dataclass(frozen=True)
+class MaskedFrames(FirstImageOptions):
+    """What is said of the first of many images, of each of which there may be a mask."""
 
-    Raises:
-        InputError: anything else.
-    """
-    return [place for text in texts or () if (place := parse_point(text, option)) is not None]
-
-
-def parse_polygon(text: str | None, option: str) -> list[tuple[float, float]] | None:
-    """Corners in px from "x,y x,y x,y ...".
-
-    Raises:
-        InputError: anything else, or fewer than three.
-    """
-    if text is None:
-        return None
-    corners = parse_points(text.split(), option)
-    if len(corners) < 3:
-        raise InputError(f'{option} is at least three corners written "x,y x,y x,y", not "{text}"', text=text)
-    return corners
-
-
-def first_image(
-    object_: Sequence[str] | None,
-    not_: Sequence[str] | None,
-    box: str | None,
-    outline: str | None,
-    **given: Any,
-) -> FirstImage:
-    """What --object, --not, --box, --outline and others say of the first image.
-
-    Args:
-        object_, not_, box, outline: as written.
-        **given: other arguments of `FirstImage.of`.
-
-    Raises:
-        InputError: two of them say which object is meant, or one cannot be read.
-    """
-    from grasptrack.first_image import FirstImage
-
-    said: dict[str, Any] = {
-        "object_at": parse_points(object_, "--object"),
-        "not_at": parse_points(not_, "--not"),
-        "box": parse_rectangle(box, "--box"),
-        "outline": parse_polygon(outline, "--outline"),
-    }
-    if bool(said["object_at"]) + (box is not None) + (outline is not None) > 1:
-        raise InputError("--object, --box and --outline all say which object is meant: give one of them")
-    with by_option():
-        return FirstImage.of(**said, **given)
+    mask: Annotated[
+        str | None,
+        option(OBJECT, "DIR", "Your own segmentation, one mask per frame, matched by name or by order.", "--masks"),
+    ] = None
 
 
 @contextmanager
@@ -256,15 +237,44 @@ def by_option() -> Iterator[None]:
         yield
     except InputError as error:
         text = str(error)
-        for name, option in _OPTIONS.items():
-            text = option + text[len(name) :] if text.startswith(name) else text
+        for name, written in _OPTIONS.items():
+            text = written + text[len(name) :] if text.startswith(name) else text
         raise InputError(text, **error.values) from None
 
 
-def told_words(object_: Sequence[str] | None, not_: Sequence[str] | None) -> dict[str, str | None]:
-    """Pixels as they were written, for the record of a run."""
-    words = {"object": object_, "not": not_}
-    return {name: " ".join("".join(pixel.split()) for pixel in given or ()) or None for name, given in words.items()}
+def parse_point(text: str, option: str) -> Point:
+    """A pixel from "x,y".
+
+    Raises:
+        InputError: anything else.
+    """
+    numbers = _parse_numbers(text)
+    if len(numbers) != 2:
+        raise InputError(f'{option} is a pixel written x,y, not "{text}"', text=text)
+    return numbers[0], numbers[1]
+
+
+def _parse_rectangle(text: str, option: str) -> Box:
+    numbers = _parse_numbers(text)
+    if len(numbers) != 4 or not (numbers[2] > 0.0 and numbers[3] > 0.0):
+        raise InputError(f'{option} is left,top,width,height in px, not "{text}"', text=text)
+    return numbers[0], numbers[1], numbers[2], numbers[3]
+
+
+def _parse_polygon(text: str, option: str) -> list[Point]:
+    corners = [parse_point(corner, option) for corner in text.split()]
+    if len(corners) < 3:
+        raise InputError(f'{option} is at least three corners written "x,y x,y x,y", not "{text}"', text=text)
+    return corners
+
+
+def _parse_numbers(text: str) -> list[float]:
+    """Finite numbers from "a,b,c"; none of anything else."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
 
 
 def load_calibration(path: str | None) -> Camera | None:
@@ -288,8 +298,8 @@ def scaling_notes(camera: Camera | None, shape: tuple[int, ...]) -> list[str]:
     return [f"the calibration, of {width}x{height} px, was scaled to the images' {shape[1]}x{shape[0]}"]
 
 
-def ignore_mask(path: str | None) -> NDArray[Any] | None:
-    """The mask of what never belongs to a scene, (H, W), or None.
+def read_ignored(path: str | None) -> Pixels | None:
+    """The mask of --ignore, (H, W), or None.
 
     Raises:
         SourceError: it cannot be read.
@@ -299,23 +309,6 @@ def ignore_mask(path: str | None) -> NDArray[Any] | None:
     from grasptrack.io.masks import read_mask
 
     return read_mask(path)
-
-
-def background_image(path: str | None, masks: str | None) -> NDArray[Any] | None:
-    """The image of the empty bench, or None.
-
-    Args:
-        path: of --background.
-        masks: of --mask or --masks, with which it cannot go.
-
-    Raises:
-        SourceError, InputError: it is missing, unreadable or no image, or masks are given.
-    """
-    if path is None:
-        return None
-    if masks is not None:
-        raise InputError("--background and your own masks both say where the object is: give one of them")
-    return only_image(path, "--background takes one image").image
 
 
 def only_image(name: str, taken: str) -> Frame:
@@ -336,19 +329,19 @@ def only_image(name: str, taken: str) -> Frame:
         return next(iter(source))
 
 
-def straighten_scene(
-    image: NDArray[Any], said: FirstImage, calibration: Camera | None, mask: NDArray[Any] | None = None
-) -> Scene:
+def straighten(picture: Pixels, said: FirstImage, calibration: Camera | None, mask: Pixels | None = None) -> Scene:
     """An image and what was said of it, without the lens's distortion where the camera is known."""
     from grasptrack.segmentation.undistortion import Undistortion
 
     if calibration is None:
-        return Scene(image, said, mask, None)
-    lens = Undistortion(calibration, image.shape[1], image.shape[0])
-    return Scene(lens.image(image), said.straight(lens), None if mask is None else lens.mask(mask), lens)
+        return Scene(picture, picture, said, mask, None, [])
+    lens = Undistortion(calibration, picture.shape[1], picture.shape[0])
+    straight_mask = None if mask is None else lens.mask(mask)
+    notes = scaling_notes(calibration, picture.shape)
+    return Scene(picture, lens.image(picture), said.straight(lens), straight_mask, lens, notes)
 
 
-def find_outlines(scene: Scene, segmenter: str | None = None) -> tuple[list[View], list[Candidate]]:
+def find_outlines(scene: Scene, segmenter: str | None = None) -> tuple[list[View], Sequence[Candidate]]:
     """Outlines in an image, none within another, the object that is meant first; and where that is not sure, what it may be.
 
     Raises:
@@ -358,9 +351,36 @@ def find_outlines(scene: Scene, segmenter: str | None = None) -> tuple[list[View
     from grasptrack.segmentation.first_look import distinct_candidates, find_objects, look_for
     from grasptrack.segmentation.segmenters import segmenter_for
 
-    regions = segmenter_for(segmenter)
-    found = find_objects(scene.image, scene.said, mask=scene.mask, segmenter=regions)
-    likely = scene.said.number is not None or found[0].probability >= scene.said.sure
-    return [c.view for c in found], [] if likely else distinct_candidates(
-        look_for(scene.image, scene.said, regions, scene.mask)
+    regions, said = segmenter_for(segmenter), scene.said
+    found = find_objects(scene.image, said, mask=scene.mask, segmenter=regions)
+    views = [c.view for c in found]
+    if said.number is not None or found[0].probability >= said.sure:
+        return views, []
+    return views, distinct_candidates(look_for(scene.image, said, regions, scene.mask))
+
+
+def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandSize, length: str | None) -> Settings:
+    """How a tracker works that is asked for by these options, whatever the first image shows.
+
+    Args:
+        grasp, first, hand: the options.
+        length: of the object, as written.
+
+    Raises:
+        InputError: an option that cannot be read, or two that contradict each other.
+    """
+    from grasptrack.grasp.hand import parse_measure
+    from grasptrack.live.settings import Settings
+    from grasptrack.segmentation.segmenters import segmenter_for
+
+    return Settings(
+        strategy=grasp.strategy,
+        fingers=grasp.count(),
+        friction=grasp.friction,
+        risk=grasp.risk,
+        hand=hand.hand_for(grasp),
+        camera=load_calibration(first.camera),
+        length=None if length is None else parse_measure(length, "--length").value,
+        resynthesize=grasp.resynthesize,
+        segmenter=segmenter_for(first.segmenter),
     )

@@ -4,15 +4,15 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from grasptrack.cli import first_image, help_groups, options, source_options
+from grasptrack.cli.help_groups import PAGE
+from grasptrack.cli.option_groups import as_asked, option
 from grasptrack.cli.terminal import Interruption, show_run
 from grasptrack.errors import InputError, install_hint
-from grasptrack.grasp.hand import parse_measure
 
 if TYPE_CHECKING:
     from grasptrack.live.session import LiveSession
@@ -29,77 +29,28 @@ def live(
             metavar="SOURCE", help='Folder, "glob", video file, camera:0, rtsp://..., bag:FILE#/topic or one image.'
         ),
     ],
-    strategy: options.StrategyName = "auto",
-    fingers: options.Fingers = None,
-    friction: options.Friction = 0.5,
-    grasp: options.GraspText = None,
-    resynthesize: options.Resynthesize = False,
-    object_: first_image.ObjectTexts = None,
-    not_: first_image.NotTexts = None,
-    box: first_image.BoxText = None,
-    outline: first_image.OutlineText = None,
-    choose: first_image.ChooseNumber = None,
-    sure: first_image.Sure = 0.9,
-    segmenter: first_image.SegmenterName = None,
-    background: first_image.BackgroundPath = None,
+    grasp: options.FollowedGrasp,
+    first: first_image.FirstImageOptions,
+    hand: options.HandSize,
+    images: source_options.SourceOptions,
     length: options.ObjectLength = None,
-    min_opening: options.MinOpening = None,
-    max_opening: options.MaxOpening = None,
-    finger_width: options.FingerWidth = None,
-    finger_thickness: options.FingerThickness = None,
-    clearance: options.Clearance = None,
-    scale: options.Scale = None,
-    camera: first_image.CameraPath = None,
-    ignore: first_image.IgnorePath = None,
-    fps: options.FramesPerSecond = None,
-    set_: source_options.Settings = None,
     start: Annotated[
         bool,
-        typer.Option(
-            "--start",
-            rich_help_panel=help_groups.PAGE,
-            help="Follow the likeliest object of the first image without asking.",
-        ),
+        option(PAGE, None, "Follow the likeliest object of the first image without asking.", "--start"),
     ] = False,
     until_end: Annotated[
         bool,
-        typer.Option(
-            "--until-end",
-            rich_help_panel=help_groups.PAGE,
-            help="End where a file ends, instead of waiting for Restart.",
-        ),
+        option(PAGE, None, "End where a file ends, instead of waiting for Restart.", "--until-end"),
     ] = False,
     host: Annotated[
-        str,
-        typer.Option(
-            metavar="ADDRESS",
-            rich_help_panel=help_groups.PAGE,
-            help="Address to serve at; any but this machine's own asks for a token.",
-        ),
+        str, option(PAGE, "ADDRESS", "Address to serve at; any but this machine's own asks for a token.")
     ] = "127.0.0.1",
-    port: Annotated[
-        int,
-        typer.Option(
-            metavar="N",
-            min=0,
-            max=65535,
-            rich_help_panel=help_groups.PAGE,
-            help="Number of the port; 0 takes a free one.",
-        ),
-    ] = 8321,
-    output: options.Output = options.OUTPUT / "live",
+    port: Annotated[int, option(PAGE, "N", "Number of the port; 0 takes a free one.", min=0, max=65535)] = 8321,
+    output: options.Output = options.OUTPUT_FOLDER / "live",
     record_as: Annotated[
-        str,
-        typer.Option(
-            "--record-as",
-            metavar="NAME",
-            rich_help_panel=help_groups.OUTPUT,
-            help="Kind of recordings: mp4, mcap or rrd.",
-        ),
+        str, option(help_groups.OUTPUT, "NAME", "Kind of recordings: mp4, mcap or rrd.", "--record-as")
     ] = "mp4",
     quiet: options.Quiet = False,
-    risk: options.Risk = 1e-3,
-    first_look_ms: first_image.FirstLookMs = None,
     max_megapixels: options.MaxMegapixels = None,
 ) -> None:
     """Show a tracker at work on a page in the browser, and take what you tell it there.
@@ -119,41 +70,17 @@ def live(
       grasptrack live photos --fps 10 --port 0
       grasptrack live camera:0 --host 0.0.0.0 --output run
     """
-    lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
+    options.one_of("--record-as", record_as, RECORDED_AS)
     asked = {
-        "strategy": options.strategy_choice(strategy),
-        "fingers": fingers,
-        "friction": options.positive_friction(friction),
-        "risk": options.risk_rate(risk),
-        "start": start,
-        "grasp": grasp,
-        **first_image.told_words(object_, not_),
-        "box": box,
-        "outline": outline,
-        "choose": choose,
-        "sure": sure,
-        "first_look_ms": first_look_ms,
-        "segmenter": segmenter,
-        "background": background,
-        "ignore": ignore,
-        "camera": camera,
+        **as_asked(grasp, hand, images),
+        **first.asked(),
         "length": length,
-        "fps": fps,
-        "set": set_,
-        **lengths,
-        "scale": scale,
-        "resynthesize": resynthesize,
-        "record_as": options.one_of("--record-as", record_as, RECORDED_AS),
+        "start": start,
+        "record_as": record_as,
     }
-    contacts, count = options.contacts_and_fingers(grasp, fingers)
-    if contacts is None:
-        options.two_or_three(count)
-    said = first_image.first_image(
-        object_, not_, box, outline, grasp=contacts, number=choose, sure=sure, first_look_ms=first_look_ms
-    )
-    hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
-    calibration = first_image.load_calibration(camera)
-    measure = None if length is None else parse_measure(length, "--length")
+    grasp.count(at_most_three=True)
+    said = first.said(grasp.contacts())
+    settings = first_image.tracker_settings(grasp, first, hand, length)
     try:
         from grasptrack.live.server import PageServer, bind
     except ImportError as error:
@@ -162,28 +89,14 @@ def live(
     from grasptrack.io.folder import hold_folder
     from grasptrack.io.sources import open_source
     from grasptrack.live.session import LiveSession
-    from grasptrack.live.settings import Settings
-    from grasptrack.segmentation.segmenters import segmenter_for
 
-    images = open_source(source, fps, settings=source_options.device_settings(set_))
-    settings = Settings(
-        strategy=strategy,
-        fingers=count,
-        friction=friction,
-        risk=risk,
-        hand=hand,
-        segmenter=segmenter_for(segmenter),
-        camera=calibration,
-        length=None if measure is None else measure.value,
-        resynthesize=resynthesize,
-    )
-    empty = first_image.background_image(background, None)
-    said = replace(said, background=empty, ignore=first_image.ignore_mask(ignore))
+    frames = open_source(source, images.fps, settings=images.settings())
+    said = first.with_images(said)
     settings.tracker(said)  # what does not go together is told before anything is served
     listener = bind(host, port)  # before anything in the folder is replaced
     with hold_folder(output), Interruption() as interruption:
         session = LiveSession(
-            images, settings, output, meant=said, at_once=start, options=asked, record_as=f".{record_as}"
+            frames, settings, output, meant=said, at_once=start, options=asked, record_as=f".{record_as}"
         )
         server = PageServer(session, host, listener=listener)
         session.start()

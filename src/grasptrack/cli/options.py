@@ -1,180 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that several verbs share, each checked once, before any work."""
+"""Options that several verbs share, alone and in groups, each checked once, before any work."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from grasptrack.cli import help_groups
+from grasptrack.cli.help_groups import GRASP, HAND, LIMITS, OBJECT, OUTPUT, PROCESSES, SCENE
+from grasptrack.cli.option_groups import option
 from grasptrack.errors import GraspError, InputError, StrategyError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from grasptrack.grasp.hand import Hand
-
-
-Fingers = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N",
-        rich_help_panel=help_groups.GRASP,
-        help="Number of fingers.",
-        show_default="2, or as many as --grasp has contacts",
-    ),
-]
-TwoOrThree = Annotated[
-    int, typer.Option(metavar="N", rich_help_panel=help_groups.GRASP, help="Number of fingers, 2 or 3.")
-]
-Friction = Annotated[
-    float,
-    typer.Option(
-        metavar="MU",
-        rich_help_panel=help_groups.GRASP,
-        help="Coulomb friction coefficient between finger and object.",
-    ),
-]
-GraspText = Annotated[
-    str | None,
-    typer.Option(
-        metavar='"X,Y X,Y ..."',
-        rich_help_panel=help_groups.GRASP,
-        help="Contacts in the first image, in px; they also select the object.",
-        show_default="synthesized",
-    ),
-]
-StrategyName = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME", rich_help_panel=help_groups.GRASP, help="Strategy: auto, rrp, grasp-line or homography."
-    ),
-]
-Resynthesize = Annotated[
-    bool,
-    typer.Option(
-        "--resynthesize",
-        rich_help_panel=help_groups.GRASP,
-        help="Choose a new grasp when the current one is no longer stable.",
-    ),
-]
-MinOpening = Annotated[
-    str | None,
-    typer.Option(metavar="L", rich_help_panel=help_groups.HAND, help="Smallest opening of the hand.", show_default="0"),
-]
-MaxOpening = Annotated[
-    str | None,
-    typer.Option(
-        metavar="L", rich_help_panel=help_groups.HAND, help="Largest opening of the hand.", show_default="unlimited"
-    ),
-]
-FingerWidth = Annotated[
-    str | None,
-    typer.Option(
-        metavar="L",
-        rich_help_panel=help_groups.HAND,
-        help="Width of a finger, along the outline.",
-        show_default="10%",
-    ),
-]
-FingerThickness = Annotated[
-    str | None,
-    typer.Option(
-        metavar="L",
-        rich_help_panel=help_groups.HAND,
-        help="Thickness of a finger, away from the outline.",
-        show_default="10%",
-    ),
-]
-Clearance = Annotated[
-    str | None,
-    typer.Option(
-        metavar="L",
-        rich_help_panel=help_groups.HAND,
-        help="Gap between finger and object before closing.",
-        show_default="3%",
-    ),
-]
-Scale = Annotated[
-    float | None,
-    typer.Option(
-        metavar="PX_PER_MM",
-        rich_help_panel=help_groups.HAND,
-        help="Image scale, in px per mm, for lengths in mm, cm, m or in.",
-    ),
-]
-ObjectLength = Annotated[
-    str | None,
-    typer.Option(
-        "--length",
-        metavar="L",
-        rich_help_panel=help_groups.OBJECT,
-        help="Length of the object, the longer side of its smallest enclosing rectangle, in mm, cm, m or in: 120mm.",
-    ),
-]
-FramesPerSecond = Annotated[
-    float | None,
-    typer.Option(
-        "--fps",
-        metavar="FPS",
-        rich_help_panel=help_groups.SOURCE,
-        help="Frame rate, in frames/s, for folders and globs, which have no times.",
-    ),
-]
-Silhouettes = Annotated[
-    str | None,
-    typer.Option(
-        metavar="DIR",
-        rich_help_panel=help_groups.SCENE,
-        help="Parts from silhouette images, black outside the part.",
-    ),
-]
-Seed = Annotated[
-    int, typer.Option(metavar="N", min=0, rich_help_panel=help_groups.SCENE, help="Seed of all that is random.")
-]
-OUTPUT = Path("grasptrack-out")
-"""A verb that writes does so in the folder of its name within this one, unless it is told another."""
-Output = Annotated[
-    Path,
-    typer.Option(
-        metavar="DIR", rich_help_panel=help_groups.OUTPUT, help="Folder for the results; existing results are replaced."
-    ),
-]
-NoVideo = Annotated[
-    bool, typer.Option("--no-video", rich_help_panel=help_groups.OUTPUT, help="Do not write overlay.mp4.")
-]
-Json = Annotated[
-    bool,
-    typer.Option("--json", rich_help_panel=help_groups.OUTPUT, help="Print the JSON file instead of the table."),
-]
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", rich_help_panel=help_groups.OUTPUT, help="Print nothing but errors.")
-]
-Risk = Annotated[
-    float,
-    typer.Option(
-        metavar="P",
-        rich_help_panel=help_groups.LIMITS,
-        help="Accepted probability of a wrong answer, between 0 and 1.",
-    ),
-]
-Workers = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N", rich_help_panel=help_groups.PROCESSES, help="Number of processes.", show_default="one per core"
-    ),
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler", metavar="ADDRESS", rich_help_panel=help_groups.PROCESSES, help="Address of a Dask scheduler."
-    ),
-]
+    from grasptrack.typing import Floats
 
 
 def _limit_megapixels(most: float | None) -> float | None:
@@ -187,25 +28,25 @@ def _limit_megapixels(most: float | None) -> float | None:
     return most
 
 
-MaxMegapixels = Annotated[
-    float | None,
-    typer.Option(
-        "--max-megapixels",
-        metavar="MP",
-        callback=_limit_megapixels,
-        rich_help_panel=help_groups.LIMITS,
-        help="Largest image that is decoded, in 10^6 px; larger ones are refused.",
-        show_default="100",
-    ),
-]
+def _positive_friction(friction: float) -> float:
+    if not (0.0 < friction < math.inf):
+        raise InputError(f"--friction must be a positive number, not {friction:g}", friction=friction)
+    return friction
 
 
-def strategy_choice(name: str) -> str:
-    """The name of a strategy, or "auto".
+def _risk_rate(risk: float) -> float:
+    from grasptrack.tracking.numbers import check_risk
 
-    Raises:
-        StrategyError: unknown; the message lists the choices.
-    """
+    return check_risk(risk, "--risk")
+
+
+def _two_or_three(fingers: int) -> int:
+    if fingers not in (2, 3):
+        raise InputError(f"--fingers: grasps are chosen for 2 or 3 fingers, not {fingers}", fingers=fingers)
+    return fingers
+
+
+def _strategy_choice(name: str) -> str:
     from grasptrack.transfer import STRATEGIES, strategy_names
 
     if name in ("auto", *STRATEGIES):
@@ -214,6 +55,178 @@ def strategy_choice(name: str) -> str:
     if name not in choices:
         raise StrategyError(f'unknown strategy "{name}"; choose from {", ".join(choices)}', name=name)
     return name
+
+
+Friction = Annotated[
+    float,
+    option(GRASP, "MU", "Coulomb friction coefficient between finger and object.", callback=_positive_friction),
+]
+TwoOrThree = Annotated[int, option(GRASP, "N", "Number of fingers, 2 or 3.", callback=_two_or_three)]
+ObjectLength = Annotated[
+    str | None,
+    option(
+        OBJECT,
+        "L",
+        "Length of the object, the longer side of its smallest enclosing rectangle, in mm, cm, m or in: 120mm.",
+        "--length",
+    ),
+]
+Silhouettes = Annotated[str | None, option(SCENE, "DIR", "Parts from silhouette images, black outside the part.")]
+Seed = Annotated[int, option(SCENE, "N", "Seed of all that is random.", min=0)]
+OUTPUT_FOLDER = Path("grasptrack-out")
+"""A verb that writes does so in the folder of its name within this one, unless it is told another."""
+Output = Annotated[Path, option(OUTPUT, "DIR", "Folder for the results; existing results are replaced.")]
+NoVideo = Annotated[bool, option(OUTPUT, None, "Do not write overlay.mp4.", "--no-video")]
+Json = Annotated[bool, option(OUTPUT, None, "Print the JSON file instead of the table.", "--json")]
+Quiet = Annotated[bool, option(OUTPUT, None, "Print nothing but errors.", "--quiet", "-q")]
+Risk = Annotated[
+    float, option(LIMITS, "P", "Accepted probability of a wrong answer, between 0 and 1.", callback=_risk_rate)
+]
+Workers = Annotated[int | None, option(PROCESSES, "N", "Number of processes.", show_default="one per core")]
+Scheduler = Annotated[str | None, option(PROCESSES, "ADDRESS", "Address of a Dask scheduler.", "--scheduler")]
+MaxMegapixels = Annotated[
+    float | None,
+    option(
+        LIMITS,
+        "MP",
+        "Largest image that is decoded, in 10^6 px; larger ones are refused.",
+        "--max-megapixels",
+        callback=_limit_megapixels,
+        show_default="100",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class GivenGrasp:
+    """The grasp of a first image: given, or to be chosen for a number of fingers."""
+
+    strategy: str = "auto"
+    fingers: Annotated[
+        int | None, option(GRASP, "N", "Number of fingers.", show_default="2, or as many as --grasp has contacts")
+    ] = None
+    friction: Friction = 0.5
+    grasp: Annotated[
+        str | None,
+        option(
+            GRASP,
+            '"X,Y X,Y ..."',
+            "Contacts in the first image, in px; they also select the object.",
+            show_default="synthesized",
+        ),
+    ] = None
+    resynthesize: bool = False
+    risk: Risk = 1e-3
+
+    def contacts(self) -> Floats | None:
+        """Contacts (k, 2) px, or None.
+
+        Raises:
+            GraspError: not contacts, fewer than two fingers, or --fingers and --grasp disagree.
+        """
+        fingers = self.fingers
+        if self.grasp is None:
+            if fingers is not None and fingers < 2:
+                raise GraspError(f"a grasp has at least 2 fingers, not {fingers}", fingers=fingers)
+            return None
+        from grasptrack.grasp.contacts import parse_contacts
+
+        contacts = parse_contacts(self.grasp)
+        if fingers is not None and fingers != len(contacts):
+            raise GraspError(f"--grasp has {len(contacts)} contacts, but --fingers says {fingers}", fingers=fingers)
+        return contacts
+
+    def count(self, *, at_most_three: bool = False) -> int:
+        """The number of fingers.
+
+        Args:
+            at_most_three: it is 2 or 3 where a grasp is to be chosen.
+
+        Raises:
+            GraspError: as of `contacts`.
+            InputError: another number.
+        """
+        contacts = self.contacts()
+        if contacts is not None:
+            return len(contacts)
+        return _two_or_three(self.fingers or 2) if at_most_three else self.fingers or 2
+
+
+@dataclass(frozen=True)
+class CarriedGrasp(GivenGrasp):
+    """The grasp that a strategy is to carry."""
+
+    strategy: Annotated[
+        str,
+        option(GRASP, "NAME", "Strategy: auto, rrp, grasp-line or homography.", callback=_strategy_choice),
+    ] = "auto"
+
+
+@dataclass(frozen=True)
+class FollowedGrasp(CarriedGrasp):
+    """The grasp that is followed, and what becomes of one that is refused."""
+
+    resynthesize: Annotated[
+        bool, option(GRASP, None, "Choose a new grasp when the current one is no longer stable.", "--resynthesize")
+    ] = False
+
+
+@dataclass(frozen=True)
+class HandSize:
+    """The hand that a grasp is chosen for, in lengths as written; px per mm is the image's scale."""
+
+    min_opening: Annotated[str | None, option(HAND, "L", "Smallest opening of the hand.", show_default="0")] = None
+    max_opening: Annotated[str | None, option(HAND, "L", "Largest opening of the hand.", show_default="unlimited")] = (
+        None
+    )
+    finger_width: Annotated[
+        str | None, option(HAND, "L", "Width of a finger, along the outline.", show_default="10%")
+    ] = None
+    finger_thickness: Annotated[
+        str | None, option(HAND, "L", "Thickness of a finger, away from the outline.", show_default="10%")
+    ] = None
+    clearance: Annotated[
+        str | None, option(HAND, "L", "Gap between finger and object before closing.", show_default="3%")
+    ] = None
+    scale: Annotated[
+        float | None, option(HAND, "PX_PER_MM", "Image scale, in px per mm, for lengths in mm, cm, m or in.")
+    ] = None
+
+    def hand(self) -> Hand:
+        """The hand; what was not given has the default.
+
+        Raises:
+            InputError: no length, mm or inches without a scale, or lengths that contradict each other.
+        """
+        from grasptrack.grasp.hand import Hand, parse_length
+
+        lengths: dict[str, Any] = {name: text for name, text in vars(self).items() if text is not None}
+        scale = lengths.pop("scale", None)
+        if scale is not None and not 0.0 < scale < math.inf:
+            raise InputError(f"--scale must be a positive number of px per mm, not {scale:g}", scale=scale)
+        for name, text in lengths.items():
+            written = _option_name(name)
+            lengths[name] = parse_length(text, written)
+            if lengths[name].unit not in ("px", "size") and scale is None:
+                raise InputError(f"{written} {text} needs --scale, the px per mm of the image", name=name)
+        return Hand(**lengths, px_per_mm=scale)
+
+    def hand_for(self, grasp: GivenGrasp) -> Hand | None:
+        """The hand for the grasp of the first image, or None where nothing was said of one.
+
+        Raises:
+            InputError: as of `hand`; or contacts are given, and nothing is ever chosen.
+        """
+        named = [_option_name(name) for name, text in vars(self).items() if text is not None]
+        if not named:
+            return None
+        if grasp.grasp is not None and not grasp.resynthesize:
+            raise InputError(f"{named[0]} is for choosing a grasp, but --grasp gives one: leave out one of them")
+        return self.hand()
+
+
+def _option_name(field: str) -> str:
+    return "--" + field.replace("_", "-")
 
 
 def parse_names(text: str | None) -> tuple[str, ...]:
@@ -230,101 +243,3 @@ def one_of(option: str, text: str | None, choices: Sequence[str]) -> str | None:
     if text is not None and text not in choices:
         raise InputError(f'{option} is {", ".join(choices[:-1])} or {choices[-1]}, not "{text}"', text=text)
     return text
-
-
-def two_or_three(fingers: int) -> int:
-    """The number of fingers, for grasps that are chosen.
-
-    Raises:
-        InputError: another number.
-    """
-    if fingers not in (2, 3):
-        raise InputError(f"grasps are chosen for 2 or 3 fingers, not {fingers}", fingers=fingers)
-    return fingers
-
-
-def contacts_and_fingers(grasp: str | None, fingers: int | None) -> tuple[NDArray[np.float64] | None, int]:
-    """Contacts (k, 2) px from --grasp, or None, and the number of fingers that go with them.
-
-    Raises:
-        GraspError: not contacts, fewer than two fingers, or --fingers and --grasp disagree.
-    """
-    if grasp is None:
-        if fingers is not None and fingers < 2:
-            raise GraspError(f"a grasp has at least 2 fingers, not {fingers}", fingers=fingers)
-        return None, fingers or 2
-    from grasptrack.grasp.contacts import parse_contacts
-
-    contacts = parse_contacts(grasp)
-    if fingers is not None and fingers != len(contacts):
-        raise GraspError(f"--grasp has {len(contacts)} contacts, but --fingers says {fingers}", fingers=fingers)
-    return contacts, len(contacts)
-
-
-def hand_lengths(*lengths: str | None) -> dict[str, str | None]:
-    """Openings, finger's width, thickness and clearance as the user wrote them, by the attributes of Hand."""
-    names = ("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance")
-    return dict(zip(names, lengths, strict=True))
-
-
-def build_hand(scale: float | None, **lengths: str | None) -> Hand:
-    """The hand from the options that were given.
-
-    Args:
-        scale: px per mm.
-        **lengths: attributes of Hand as the user wrote them; None leaves the default.
-
-    Raises:
-        InputError: no length, mm or inches without a scale, or lengths that contradict each other.
-    """
-    from grasptrack.grasp.hand import Hand, parse_length
-
-    if scale is not None and not 0.0 < scale < math.inf:
-        raise InputError(f"--scale must be a positive number of px per mm, not {scale:g}", scale=scale)
-    given = {}
-    for name, text in lengths.items():
-        if text is None:
-            continue
-        option = "--" + name.replace("_", "-")
-        given[name] = parse_length(text, option)
-        if given[name].unit not in ("px", "size") and scale is None:
-            raise InputError(f"{option} {text} needs --scale, the px per mm of the image", name=name)
-    return Hand(**given, px_per_mm=scale)
-
-
-def hand_for_first(
-    scale: float | None, lengths: dict[str, str | None], grasp: str | None, resynthesize: bool
-) -> Hand | None:
-    """The hand for the grasp of the first image, or None where nothing was said of one.
-
-    Raises:
-        InputError: as in `build_hand`; or contacts given, for which nothing is ever chosen.
-    """
-    named = [("--" + name.replace("_", "-")) for name, text in {**lengths, "scale": scale}.items() if text is not None]
-    if not named:
-        return None
-    if grasp is not None and not resynthesize:
-        raise InputError(f"{named[0]} is for choosing a grasp, but --grasp gives one: leave out one of them")
-    return build_hand(scale, **lengths)
-
-
-def positive_friction(friction: float) -> float:
-    """The coefficient of friction.
-
-    Raises:
-        InputError: not positive and finite.
-    """
-    if not (0.0 < friction < math.inf):
-        raise InputError(f"--friction must be a positive number, not {friction:g}", friction=friction)
-    return friction
-
-
-def risk_rate(risk: float) -> float:
-    """The probability below which an answer may be wrong.
-
-    Raises:
-        InputError: not between 0 and 1.
-    """
-    from grasptrack.tracking.numbers import check_risk
-
-    return check_risk(risk, "--risk")

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +12,7 @@ import typer
 
 from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.candidates import note_candidates
+from grasptrack.cli.option_groups import as_asked, option
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
 
@@ -41,35 +41,14 @@ _HEADS = (
 
 def synthesize(
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image of a flat object, seen from above.")],
+    first: first_image.MaskedImage,
+    hand: options.HandSize,
     fingers: options.TwoOrThree = 2,
     friction: options.Friction = 0.5,
-    top: Annotated[
-        int, typer.Option(metavar="N", rich_help_panel=help_groups.GRASP, help="Number of grasps at most.")
-    ] = 10,
-    object_: first_image.ObjectTexts = None,
-    not_: first_image.NotTexts = None,
-    box: first_image.BoxText = None,
-    outline: first_image.OutlineText = None,
-    mask: first_image.MaskPath = None,
-    choose: first_image.ChooseNumber = None,
-    sure: first_image.Sure = 0.9,
-    segmenter: first_image.SegmenterName = None,
-    background: first_image.BackgroundPath = None,
-    all_: Annotated[
-        bool,
-        typer.Option("--all", rich_help_panel=help_groups.OBJECT, help="Grasps on every object in the image."),
-    ] = False,
-    min_opening: options.MinOpening = None,
-    max_opening: options.MaxOpening = None,
-    finger_width: options.FingerWidth = None,
-    finger_thickness: options.FingerThickness = None,
-    clearance: options.Clearance = None,
-    scale: options.Scale = None,
-    camera: first_image.CameraPath = None,
-    ignore: first_image.IgnorePath = None,
-    output: options.Output = options.OUTPUT / "synthesize",
+    top: Annotated[int, option(help_groups.GRASP, "N", "Number of grasps at most.")] = 10,
+    all_: Annotated[bool, option(help_groups.OBJECT, None, "Grasps on every object in the image.", "--all")] = False,
+    output: options.Output = options.OUTPUT_FOLDER / "synthesize",
     quiet: options.Quiet = False,
-    first_look_ms: first_image.FirstLookMs = None,
     max_megapixels: options.MaxMegapixels = None,
 ) -> None:
     """Choose the best grasps on the object in an image, for a hand of a given size.
@@ -86,74 +65,41 @@ def synthesize(
       grasptrack synthesize photo.jpg --camera camera.yaml
       grasptrack synthesize photo.jpg --mask mask.png --all --output grasps
     """
-    said = first_image.first_image(object_, not_, box, outline, number=choose, sure=sure, first_look_ms=first_look_ms)
-    if all_ and said.says_anything:
+    if all_ and first.said().says_anything:
         raise InputError(
             "--all takes every object in the image: leave out --object, --not, --box, --outline and --choose"
         )
-    if fingers not in (2, 3):
-        raise InputError(f"--fingers is 2 or 3, not {fingers}", fingers=fingers)
     if top < 1:
         raise InputError(f"--top is at least 1, not {top}", top=top)
-    options.positive_friction(friction)
-    lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
-    hand = options.build_hand(scale, **lengths)
-    calibration = first_image.load_calibration(camera)
-    empty = first_image.background_image(background, mask)
+    size, scale = hand.hand(), hand.scale
+    scene = first.scene(image, "synthesize takes one image")
 
     from grasptrack.documents import write_json
     from grasptrack.io.folder import prepare_folder
     from grasptrack.io.json_results import grasps_to_dict
-    from grasptrack.io.masks import read_mask
     from grasptrack.view.grasps import write_grasps
 
-    picture = first_image.only_image(image, "synthesize takes one image").image
-    with first_image.by_option():
-        said.within(picture.shape)
-    said, own = (
-        replace(said, ignore=first_image.ignore_mask(ignore), background=empty),
-        None if mask is None else read_mask(mask),
-    )
     prepare_folder(output)
-    scene = first_image.straighten_scene(picture, said, calibration, own)
     try:
-        views, candidates = first_image.find_outlines(scene, segmenter)
+        views, candidates = first_image.find_outlines(scene, first.segmenter)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
-    planned = _plan_grasps(views, all_, fingers, friction, top, hand)
+    planned = _plan_grasps(views, all_, fingers, friction, top, size)
     if scene.lens is not None:
         planned = [_map_to_original(found, scene.lens) for found in planned]
 
-    asked = {
-        **first_image.told_words(object_, not_),
-        "box": box,
-        "outline": outline,
-        "choose": choose,
-        "sure": sure,
-        "mask": mask,
-        "first_look_ms": first_look_ms,
-        "segmenter": segmenter,
-        "background": background,
-        "ignore": ignore,
-        "camera": camera,
-        "fingers": fingers,
-        "top": top,
-        "friction": friction,
-        **lengths,
-        "scale": scale,
-        "all": all_,
-    }
-    by_hand = all_ or outline is not None or mask is not None
-    notes = note_candidates(candidates, scene.image, output, sure, meant=by_hand)
+    chosen = {"fingers": fingers, "top": top, "friction": friction}
+    asked = {**first.asked(), **chosen, **as_asked(hand), "all": all_}
+    by_hand = all_ or first.outline is not None or first.mask is not None
+    notes = [*note_candidates(candidates, scene.image, output, first.sure, meant=by_hand), *scene.notes]
     data, page = output / "grasps.json", output / "grasps.png"
-    write_json(data, grasps_to_dict(planned, image, picture.shape, asked, scale))
-    write_grasps(page, picture, planned, fingers=fingers, friction=friction, title=Path(image).name, px_per_mm=scale)
+    write_json(data, grasps_to_dict(planned, image, scene.picture.shape, asked, scale))
+    title = Path(image).name
+    write_grasps(page, scene.picture, planned, fingers=fingers, friction=friction, title=title, px_per_mm=scale)
     if not any(found.grasps for found in planned):
         raise InputError(f'"{image}": {_why_none(planned)}')
     if not quiet:
-        _show_results(
-            planned, scale, [*notes, *first_image.scaling_notes(calibration, picture.shape), f"{data}, {page}"]
-        )
+        _show_results(planned, scale, [*notes, f"{data}, {page}"])
 
 
 def _plan_grasps(views: list[View], every: bool, fingers: int, friction: float, top: int, hand: Hand) -> list[Planned]:

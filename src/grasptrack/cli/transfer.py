@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from grasptrack.cli import first_image, help_groups, options
+from grasptrack.cli.option_groups import as_asked, option
 from grasptrack.cli.terminal import format_number, show_rows, tell_error
 from grasptrack.errors import GraspTrackError, InputError, TransferError
 from grasptrack.presentation import format_confidence
@@ -36,34 +37,31 @@ _HEADS = (
 def transfer(
     image_a: Annotated[str, typer.Argument(metavar="IMAGE_A", help="Reference image.")],
     image_b: Annotated[str, typer.Argument(metavar="IMAGE_B", help="Image to transfer the grasp to.")],
-    fingers: options.Fingers = None,
-    friction: options.Friction = 0.5,
-    grasp: options.GraspText = None,
-    object_: Annotated[
+    grasp: options.GivenGrasp,
+    object_a: Annotated[
         str | None,
-        typer.Option(
+        option(
+            help_groups.OBJECT,
+            "X,Y",
+            "Pixel on the object in IMAGE_A, in px.",
             "--object",
-            metavar="X,Y",
-            rich_help_panel=help_groups.OBJECT,
-            help="Pixel on the object in IMAGE_A, in px.",
             show_default="the object that stands out most",
         ),
     ] = None,
     object_b: Annotated[
         str | None,
-        typer.Option(
-            metavar="X,Y",
-            rich_help_panel=help_groups.OBJECT,
-            help="Pixel on the object in IMAGE_B, in px.",
+        option(
+            help_groups.OBJECT,
+            "X,Y",
+            "Pixel on the object in IMAGE_B, in px.",
             show_default="the object that fits best",
         ),
     ] = None,
     camera: first_image.CameraPath = None,
     ignore: first_image.IgnorePath = None,
-    output: options.Output = options.OUTPUT / "transfer",
+    output: options.Output = options.OUTPUT_FOLDER / "transfer",
     json_: options.Json = False,
     quiet: options.Quiet = False,
-    risk: options.Risk = 1e-3,
     max_megapixels: options.MaxMegapixels = None,
 ) -> None:
     """Transfer a grasp from one view of an object to another: each strategy's contacts, or why they are rejected.
@@ -85,13 +83,6 @@ def transfer(
       grasptrack transfer a.png b.png --camera camera.yaml
       grasptrack transfer a.png b.png --risk 1e-5 --json
     """
-    options.positive_friction(friction)
-    options.risk_rate(risk)
-    contacts, count = options.contacts_and_fingers(grasp, fingers)
-    place_a, place_b = first_image.parse_point(object_, "--object"), first_image.parse_point(object_b, "--object-b")
-    hidden, calibration = first_image.ignore_mask(ignore), first_image.load_calibration(camera)
-    first, second = (first_image.only_image(name, "transfer takes two images").image for name in (image_a, image_b))
-
     from grasptrack.first_image import FirstImage
     from grasptrack.grasp.contacts import Grasp
     from grasptrack.io.folder import prepare_folder
@@ -100,12 +91,17 @@ def transfer(
     from grasptrack.tracking.numbers import NUMBERS
     from grasptrack.tracking.tracker import GraspTracker
 
+    contacts, count = grasp.contacts(), grasp.count()
+    hidden, calibration = first_image.read_ignored(ignore), first_image.load_calibration(camera)
+    pixels = ((object_a, "--object"), (object_b, "--object-b"))
+    places = [None if text is None else first_image.parse_point(text, written) for text, written in pixels]
+    meant = FirstImage.of(places[0], grasp=contacts, ignore=hidden), FirstImage.of(places[1], ignore=hidden)
+    images = [first_image.only_image(name, "transfer takes two images").image for name in (image_a, image_b)]
     prepare_folder(output)
-    one = first_image.straighten_scene(first, FirstImage.of(place_a, grasp=contacts, ignore=hidden), calibration)
-    other = first_image.straighten_scene(second, FirstImage.of(place_b, ignore=hidden), calibration)
+    one, other = (first_image.straighten(image, said, calibration) for image, said in zip(images, meant, strict=True))
     lens = one.lens
     # The first step of a sequence, so that object and grasp are chosen here as they are there.
-    begun = GraspTracker(fingers=count, friction=friction, **one.said.arguments())
+    begun = GraspTracker(fingers=count, friction=grasp.friction, **one.said.arguments())
     chosen = begun.update(one.image)
     if chosen.contacts is None or chosen.view is None:
         raise InputError(f'"{image_a}": {chosen.reason}')
@@ -117,9 +113,9 @@ def transfer(
             chosen.view,
             one.image,
             other.image,
-            friction,
+            grasp.friction,
             other.said,
-            risk,
+            grasp.risk,
             focal,
         )
     except TransferError as error:
@@ -132,20 +128,18 @@ def transfer(
         view, at = lens.view(view), lens.seen(at)
     found = _Found.none(refusal) if pair is None else _Found.of(pair, other.lens)
     asked = {
+        **as_asked(grasp),
         "fingers": count,
-        "friction": friction,
-        "risk": risk,
-        "grasp": grasp,
-        "object": object_,
+        "object": object_a,
         "object_b": object_b,
         "ignore": ignore,
         "camera": camera,
     }
-    files = _write_files(output, (image_a, image_b), (first, view, at), second, found, asked)
+    files = _write_files(output, (image_a, image_b), (images[0], view, at), images[1], found, asked)
     if json_ and not quiet:
         typer.echo(files[0].read_text(encoding="utf-8").rstrip())
     elif not quiet:
-        _show_results(chosen.analysis, at, found, first_image.scaling_notes(calibration, first.shape), files)
+        _show_results(chosen.analysis, at, found, one.notes, files)
     if all(o.reason for o in found.outcomes):
         tell_error(f'"{image_b}": every strategy refuses: {found.outcomes[0].reason}')
         raise typer.Exit(REFUSED)
