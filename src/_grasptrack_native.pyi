@@ -9,7 +9,7 @@ position on a contour of n points is a vertex index plus the fraction of the seg
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,8 @@ from grasptrack.typing import Floats, Ints
 _build: str
 EDGE_WINDOW: Final[float]
 """px on either side of an edge whose gradients tell its place (`search_along_normals`)."""
+POSE_NUMBERS: Final[tuple[str, ...]]
+"""Of `grasptrack.tracking.numbers.Numbers`, those that `PoseTarget` needs."""
 PATCH_SIDE: Final[int]
 """Pixels of the side of a patch of texture (`PoseTarget.add_texture`)."""
 FINE_LEVELS: Final[int]
@@ -478,6 +480,95 @@ def outline_gaps(
         ValueError: normals or offsets of other points, or no reach, or targets that are not finite.
     """
 
+class PoseEstimate:
+    """A hypothesis made exact. What image and prior tell cannot be written; what else is known of it can.
+
+    Attributes:
+        valid: False where there is no such pose; the rest is then void.
+        G, P: (3, 3) the pose, (8, 8) covariance of its error, by correlated residuals and the readout's variance as well.
+        contacts, covariance, middle: (k, 2) px, (k, 2, 2) px^2 by P, (x, y) px their mean.
+        nuisance, nuisance_covariance: (4,), (4, 4) as of `PoseTarget.solve`, with what this image itself tells of them,
+            whatever pose was expected.
+        readout, readout_variance: as far as this image tells, infinite where it does not.
+        by_readout: (8,) by which the pose's error depends on the readout.
+        bend: (3, 8) as it was given.
+        sides: as far as this image tells; NaN where it does not.
+        light: gain and bias of the surface's grey levels, from the reference to this image.
+        edge_width: work px, standard deviation of an edge at rest, the median; NaN where few are seen.
+        blur_share: half of an edge's blur, of what moved across it since the last image, the median; NaN where few moved.
+        blur: work px, half of what blurs all but a quarter of the edges; NaN where few are seen.
+        edge_share: of the outline's samples whose edge was found.
+        edge_sigma: work px, of their residuals.
+        look: grey levels by which the inner side differs where they were found, the median; 0 of few.
+        texture_agreeing: share of all patches that agree with the pose.
+        correlation: of each patch of the three finest levels, one (m,) each; NaN outside the image.
+        visible, occluded, other: (n,) probabilities that a sample's edge is seen, hidden, or that of something else.
+        log_odds: of the outline, this object, partly hidden, against none such.
+        elsewhere: share of the outline whose edge lies elsewhere.
+        astray: log-likelihood ratio of these edges, of something else against light that hides them and a pose a little off.
+        other_shape: log-likelihood ratio of another shape, -1 where nothing tells.
+        differs: (n,) its probability at each sample, (0,) where the outline has too few samples to be looked at.
+        hidden: share of the outline that is hidden, to be written.
+        covered: that, or has its edge elsewhere.
+        origin: what proposed the hypothesis, to be written.
+        area: px^2 of the outline in the image, to be written.
+        confirmed: a second solution, from farther away, was no better, to be written.
+    """
+
+    valid: bool
+    G: Floats
+    P: Floats
+    contacts: Floats
+    covariance: Floats
+    middle: tuple[float, float]
+    nuisance: Floats
+    nuisance_covariance: Floats
+    readout: float
+    readout_variance: float
+    by_readout: Floats
+    bend: Floats
+    sides: float
+    light: tuple[float, float]
+    edge_width: float
+    blur_share: float
+    blur: float
+    edge_share: float
+    edge_sigma: float
+    look: float
+    texture_agreeing: float
+    correlation: list[Floats]
+    visible: Floats
+    occluded: Floats
+    other: Floats
+    log_odds: float
+    elsewhere: float
+    astray: float
+    other_shape: float
+    differs: Floats
+    hidden: float
+    covered: float
+    origin: str
+    area: float
+    confirmed: bool
+
+class PoseFlow:
+    """What texture tells of a motion.
+
+    Attributes:
+        valid: whether a pose was found.
+        G, P: (3, 3) it, and (8, 8) covariance of its error.
+        agreeing: share of the patches that agree.
+        correlation: their mean.
+        used: patches in view.
+    """
+
+    valid: bool
+    G: Floats
+    P: Floats
+    agreeing: float
+    correlation: float
+    used: int
+
 class PoseTarget:
     """What was chosen in the reference view, looked for in other images.
 
@@ -552,6 +643,7 @@ class PoseTarget:
         last: Floats,
         bend: Floats,
         readout: float,
+        readout_variance: float,
         nuisance: Floats,
         nuisance_covariance: Floats,
         sides: float,
@@ -561,7 +653,7 @@ class PoseTarget:
         reach: float,
         edge_width: float,
         blur_share: float,
-    ) -> dict[str, Any]:
+    ) -> PoseEstimate:
         """The pose near a hypothesis that image, prior and camera model agree on.
 
         Args:
@@ -570,7 +662,7 @@ class PoseTarget:
             last: (3, 3) the pose in the image before: what moves fast is blurred; NaN where it is not known.
             bend: (3, 8) b: a rolling shutter has places beside those the pose has them, by readout times J (b0 + b1 u + b2 v),
                 J being the derivatives of a place by the pose's error and (u, v) taken from the centre in units of the radius.
-            readout: share of the time between two images in which rows are read out, as it is believed.
+            readout, readout_variance: share of the time between two images in which rows are read out, as it is believed.
             nuisance, nuisance_covariance: (4,), (4, 4): the part's thickness in work px, log of the focal length in image
                 widths, and slopes of the reference view's normal (theta_1, theta_2, 1).
             sides: probability that a thick part's sides are seen as the object, so that its outline is the lower face's.
@@ -579,29 +671,6 @@ class PoseTarget:
             reach: work px within which edges are looked for first, at most 1000; 0: by the covariance.
             edge_width: work px, standard deviation of an edge at rest.
             blur_share: of what moved across an edge since the last image: half of its blur.
-
-        Returns:
-            valid: False where there is no such pose; the rest is then void.
-            G, P: (3, 3) the pose, (8, 8) covariance of its error, which allows for correlated residuals.
-            nuisance, nuisance_covariance: with what this image itself tells of them, whatever pose was expected.
-            readout, readout_variance: as far as this image tells, infinite where it does not; by_readout: (8,) by which the
-                pose's error depends on it.
-            sides: as far as this image tells; NaN where it does not.
-            gain, bias: of the surface's grey levels, from the reference to this image.
-            edge_width: work px, standard deviation of an edge at rest, the median; NaN where few are seen.
-            blur_share: half of an edge's blur, of what moved across it since the last image, the median; NaN where few moved.
-            blur: work px, half of what blurs all but a quarter of the edges; NaN where few are seen.
-            edge_share: of the outline whose edges were found; edge_sigma: work px, of their residuals.
-            look: median grey difference of the inner side where they were found; 0 of few.
-            texture_used, texture_agreeing, texture_spread: patches in view, share of all that agree, and their median error in
-                predicted standard deviations.
-            correlation: of each patch of the three finest levels, one (m,) each; NaN outside the image.
-            visible, occluded, other: (n,) probabilities that a sample's edge is seen, hidden, or that of something else.
-            log_odds: of the outline, this object, partly hidden, against none such.
-            elsewhere: share of the outline whose edge lies elsewhere; astray: log-likelihood ratio of these edges, of something
-                else against light that hides them and a pose that is a little off.
-            other_shape: log-likelihood ratio of another shape, -1 where nothing tells; differs: (n,) its probability at each
-                sample, (0,) where the outline has too few samples to be looked at.
 
         Raises:
             ValueError: a length is none, or what is hidden is of another size.
@@ -616,7 +685,7 @@ class PoseTarget:
         P: Floats,
         centres: Floats,
         strides: Floats,
-    ) -> dict[str, Any]:
+    ) -> PoseFlow:
         """The last image's look at some places, laid on the next image.
 
         Args:
@@ -625,10 +694,6 @@ class PoseTarget:
             start, P: a pose (3, 3) in it, and covariance (8, 8) of its error.
             centres: (m, 2) middles of patches; each coarser level has half of them, the first ones, but at least 24 or all.
             strides: (l,) work px between their pixels, fine to coarse.
-
-        Returns:
-            valid: whether a pose was found; G, P: (3, 3) it, and (8, 8) covariance of its error; agreeing: share of the patches
-            that agree; correlation: their mean; used: patches in view.
 
         Raises:
             ValueError: as of `add_texture` and `solve`.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The pose estimator in Python: a target made once, then a solution for each hypothesis of each image.
 
+#include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #include <cmath>
@@ -76,31 +77,28 @@ pose::Numbers numbers_of(const nb::dict &given) {
         return value;
     };
     pose::Numbers n{};
-    n.miss = number("edge_missed");
-    n.same_sign = number("same_sign");
-    n.edge_floor = number("edge_floor");
-    n.edge_noise = number("edge_noise");
-    n.other_spread = number("other_spread");
-    n.share_object = number("share_object");
-    n.share_occluded = number("share_occluded");
-    n.share_other = number("share_other");
-    n.stretch = number("stretch");
-    n.texture_floor = number("texture_floor");
-    n.texture_independent = number("texture_independent");
-    n.texture_freedom = number("texture_freedom");
-    n.prior_freedom = number("prior_freedom");
-    n.perspective = number("perspective");
-    n.pinhole_sd = number("pinhole_sd");
-    n.pinhole_freedom = number("pinhole_freedom");
-    n.sample_distance = number("sample_distance");
-    n.wide = number("wide");
-    n.cell_unlikely = number("cell_unlikely");
-    n.cell_far = number("cell_far");
-    n.cell_power = number("cell_power");
-    n.cell_cover = number("cell_cover");
-    n.tolerance = number("tolerance");
-    n.tolerance_px = number("tolerance_px");
+    for (const auto &[name, member] : pose::number_names) n.*member = number(name);
     return n;
+}
+
+nb::object places_of(const pose::Contacts &at) { return copied(at.places.data(), at.places.size() / 2, 2); }
+nb::object covariances_of(const pose::Contacts &at) { return copied(at.covariances.data(), at.places.size() / 2, 2, 2); }
+
+// A solution with what else Python knows of it.
+struct PoseEstimate : pose::Solution {
+    pose::Bend bend{};
+    pose::Contacts contacts;
+    double hidden = 0, area = 0;
+    std::string origin;
+    bool confirmed = false;
+};
+
+// A member that Python reads as an array of this shape; of a vector without one.
+template <typename Bound, typename Class, typename Values, typename... Shape> auto array_of(Values Class::*member, Shape... shape) {
+    return [=](const Bound &from) {
+        if constexpr (sizeof...(Shape) > 0) return copied((from.*member).data(), shape...);
+        else return copied(from.*member);
+    };
 }
 
 // What Python calls PoseTarget: the target, and the numbers that it is looked at with.
@@ -179,79 +177,38 @@ struct PoseTarget {
         return target.texture.back().patches.size();
     }
 
-    nb::dict solve(const std::vector<Bytes> &levels, const Doubles &G, const Doubles &P, const Doubles &last,
-                   const Doubles &bend, double readout, const Doubles &nuisance, const Doubles &nuisance_covariance, double sides, double inner_spread,
-                   double gain, double bias, double reach, double edge_width, double blur_share) const {
+    PoseEstimate solve(const std::vector<Bytes> &levels, const Doubles &G, const Doubles &P, const Doubles &last, const Doubles &bend,
+                       double readout, double readout_variance, const Doubles &nuisance, const Doubles &nuisance_covariance, double sides,
+                       double inner_spread, double gain, double bias, double reach, double edge_width, double blur_share) const {
         const pose::Pyramid pyramid = seen(levels);
-        pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"), bend_of(bend), readout,
-                          fixed<4>(nuisance, "nuisance"), fixed<16>(nuisance_covariance, "nuisance_covariance"), sides, inner_spread, reach, edge_width, blur_share,
-                          {gain, bias}, static_cast<double>(pyramid[0].width), static_cast<double>(pyramid[0].height)};
-        pose::Solution s;
-        {
-            nb::gil_scoped_release free;
-            s = pose::Solver(target, pyramid, start, numbers).solve();
-        }
-        nb::dict out;
-        out["valid"] = s.valid;
-        out["G"] = copied(s.G.data(), 3, 3);
-        out["P"] = copied(s.P.data(), 8, 8);
-        out["nuisance"] = copied(s.nuisance.data(), 4);
-        out["nuisance_covariance"] = copied(s.nuisance_covariance.data(), 4, 4);
-        out["readout"] = s.readout;
-        out["readout_variance"] = s.readout_variance;
-        out["by_readout"] = copied(s.by_readout.data(), 8);
-        out["sides"] = s.sides;
-        out["gain"] = s.light.gain;
-        out["bias"] = s.light.bias;
-        out["edge_width"] = s.edge_width;
-        out["blur_share"] = s.blur_share;
-        out["blur"] = s.blur;
-        out["edge_share"] = s.edge_share;
-        out["edge_sigma"] = s.edge_sigma;
-        out["look"] = s.look;
-        out["texture_used"] = s.texture_used;
-        out["texture_agreeing"] = s.texture_agreeing;
-        out["texture_spread"] = s.texture_spread;
-        nb::list correlation;
-        for (const auto &level : s.correlation) correlation.append(copied(level));
-        out["correlation"] = correlation;
-        out["visible"] = copied(s.visible);
-        out["occluded"] = copied(s.occluded);
-        out["other"] = copied(s.other);
-        out["log_odds"] = s.log_odds;
-        out["elsewhere"] = s.elsewhere;
-        out["astray"] = s.astray;
-        out["other_shape"] = s.other_shape;
-        out["differs"] = copied(s.differs);
+        const pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"), bend_of(bend), readout,
+                                fixed<4>(nuisance, "nuisance"), fixed<16>(nuisance_covariance, "nuisance_covariance"), sides, inner_spread,
+                                reach, edge_width, blur_share, {gain, bias}, static_cast<double>(pyramid[0].width),
+                                static_cast<double>(pyramid[0].height)};
+        nb::gil_scoped_release free;
+        PoseEstimate out{pose::Solver(target, pyramid, start, numbers).solve()};
+        for (std::size_t i = 0; i < 8; ++i)
+            for (std::size_t j = 0; j < 8; ++j) out.P[i * 8 + j] += out.by_readout[i] * (out.by_readout[j] * readout_variance);
+        out.bend = start.bend;
+        out.contacts = pose::placed_contacts(target, out.G, out.P);
         return out;
     }
 
     // The last image's look at `centres` through `last`, laid on the next image from a start.
-    nb::dict follow(const std::vector<Bytes> &before, const Doubles &last, const std::vector<Bytes> &levels, const Doubles &start,
-                    const Doubles &P, const Doubles &centres, const Doubles &strides) const {
+    pose::FlowFit follow(const std::vector<Bytes> &before, const Doubles &last, const std::vector<Bytes> &levels, const Doubles &start,
+                         const Doubles &P, const Doubles &centres, const Doubles &strides) const {
         const pose::Pyramid old = seen(before), now = seen(levels);
         const pose::Homography from = fixed<9>(last, "last"), to = fixed<9>(start, "start");
         const pose::Matrix<8> prior = fixed<64>(P, "P");
         std::vector<pose::Point> at = places(centres, "centres");
-        pose::FlowFit fit;
-        {
-            nb::gil_scoped_release free;
-            std::vector<pose::PatchSet> looks;
-            for (double stride : values(strides)) {
-                looks.push_back(cut_patches(target, old, from, at, stride));
-                at.resize(std::min(at.size(), std::max(pose::fewest_places, at.size() / 2)));
-            }
-            fit = pose::follow_look(target, looks, now, to, prior, target.noise,
-                                    {numbers.texture_floor, numbers.texture_independent, numbers.texture_freedom});
+        nb::gil_scoped_release free;
+        std::vector<pose::PatchSet> looks;
+        for (double stride : values(strides)) {
+            looks.push_back(cut_patches(target, old, from, at, stride));
+            at.resize(std::min(at.size(), std::max(pose::fewest_places, at.size() / 2)));
         }
-        nb::dict out;
-        out["valid"] = fit.valid;
-        out["G"] = copied(fit.G.data(), 3, 3);
-        out["P"] = copied(fit.covariance.data(), 8, 8);
-        out["agreeing"] = fit.agreeing;
-        out["correlation"] = fit.correlation;
-        out["used"] = fit.used;
-        return out;
+        return pose::follow_look(target, looks, now, to, prior, target.noise,
+                                 {numbers.texture_floor, numbers.texture_independent, numbers.texture_freedom});
     }
 
     nb::object moved(const Doubles &G, const Doubles &d) const {
@@ -267,22 +224,10 @@ struct PoseTarget {
         return copied(d.data(), 8);
     }
 
-    // The contacts in an image, their covariances and their mean.
     nb::object placed(const Doubles &G, const Doubles &P) const {
-        const auto pose = fixed<9>(G, "G");
-        const auto spread = fixed<64>(P, "P");
-        std::vector<double> at, covariance;
-        double x = 0, y = 0;
-        for (const pose::Point &contact : target.contacts) {
-            const pose::Placed found = pose::placed(target, pose, spread, contact);
-            at.insert(at.end(), {found.at.x, found.at.y});
-            x += found.at.x, y += found.at.y;
-            covariance.insert(covariance.end(), found.covariance.begin(), found.covariance.end());
-        }
-        const std::size_t k = target.contacts.size();
-        const double of = static_cast<double>(k);
+        const pose::Contacts at = pose::placed_contacts(target, fixed<9>(G, "G"), fixed<64>(P, "P"));
         static const Record record("PlacedContacts");
-        return record(copied(at.data(), k, 2), copied(covariance.data(), k, 2, 2), nb::make_tuple(x / of, y / of));
+        return record(places_of(at), covariances_of(at), nb::make_tuple(at.middle.x, at.middle.y));
     }
 
     nb::object joined(const Doubles &G, const Doubles &P, const Doubles &other, const Doubles &Q) const {
@@ -370,7 +315,7 @@ void bind_registration(nb::module_ &m) {
              "surface"_a, "surface_value"_a, "contacts"_a, "depth"_a, "inside"_a, "outside"_a)
         .def("hide", &PoseTarget::hide, "levels"_a)
         .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
-        .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "bend"_a, "readout"_a, "nuisance"_a, "nuisance_covariance"_a,
+        .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "bend"_a, "readout"_a, "readout_variance"_a, "nuisance"_a, "nuisance_covariance"_a,
              "sides"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a, "edge_width"_a, "blur_share"_a)
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
@@ -378,6 +323,58 @@ void bind_registration(nb::module_ &m) {
         .def("placed", &PoseTarget::placed, "G"_a, "P"_a)
         .def("joined", &PoseTarget::joined, "G"_a, "P"_a, "other"_a, "Q"_a)
         .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a);
+    using Solved = pose::Solution;
+    nb::class_<PoseEstimate>(m, "PoseEstimate")
+        .def_ro("valid", &Solved::valid)
+        .def_prop_ro("G", array_of<PoseEstimate>(&Solved::G, 3, 3))
+        .def_prop_ro("P", array_of<PoseEstimate>(&Solved::P, 8, 8))
+        .def_prop_ro("contacts", [](const PoseEstimate &e) { return places_of(e.contacts); })
+        .def_prop_ro("covariance", [](const PoseEstimate &e) { return covariances_of(e.contacts); })
+        .def_prop_ro("middle", [](const PoseEstimate &e) { return nb::make_tuple(e.contacts.middle.x, e.contacts.middle.y); })
+        .def_prop_ro("nuisance", array_of<PoseEstimate>(&Solved::nuisance, 4))
+        .def_prop_ro("nuisance_covariance", array_of<PoseEstimate>(&Solved::nuisance_covariance, 4, 4))
+        .def_ro("readout", &Solved::readout)
+        .def_ro("readout_variance", &Solved::readout_variance)
+        .def_prop_ro("by_readout", array_of<PoseEstimate>(&Solved::by_readout, 8))
+        .def_prop_ro("bend", [](const PoseEstimate &e) { return copied(e.bend[0].data(), 3, 8); })
+        .def_ro("sides", &Solved::sides)
+        .def_prop_ro("light", [](const PoseEstimate &e) { return nb::make_tuple(e.light.gain, e.light.bias); })
+        .def_ro("edge_width", &Solved::edge_width)
+        .def_ro("blur_share", &Solved::blur_share)
+        .def_ro("blur", &Solved::blur)
+        .def_ro("edge_share", &Solved::edge_share)
+        .def_ro("edge_sigma", &Solved::edge_sigma)
+        .def_ro("look", &Solved::look)
+        .def_ro("texture_agreeing", &Solved::texture_agreeing)
+        .def_prop_ro("correlation", [](const PoseEstimate &e) {
+            nb::list out;
+            for (const auto &level : e.correlation) out.append(copied(level));
+            return out;
+        })
+        .def_prop_ro("visible", array_of<PoseEstimate>(&Solved::visible))
+        .def_prop_ro("occluded", array_of<PoseEstimate>(&Solved::occluded))
+        .def_prop_ro("other", array_of<PoseEstimate>(&Solved::other))
+        .def_ro("log_odds", &Solved::log_odds)
+        .def_ro("elsewhere", &Solved::elsewhere)
+        .def_ro("astray", &Solved::astray)
+        .def_ro("other_shape", &Solved::other_shape)
+        .def_prop_ro("differs", array_of<PoseEstimate>(&Solved::differs))
+        .def_prop_ro("covered", [](const PoseEstimate &e) { return e.hidden + e.elsewhere; })
+        .def_rw("hidden", &PoseEstimate::hidden)
+        .def_rw("area", &PoseEstimate::area)
+        .def_rw("origin", &PoseEstimate::origin)
+        .def_rw("confirmed", &PoseEstimate::confirmed)
+        .def("__copy__", [](const PoseEstimate &e) { return e; });
+    nb::class_<pose::FlowFit>(m, "PoseFlow")
+        .def_ro("valid", &pose::FlowFit::valid)
+        .def_prop_ro("G", array_of<pose::FlowFit>(&pose::FlowFit::G, 3, 3))
+        .def_prop_ro("P", array_of<pose::FlowFit>(&pose::FlowFit::covariance, 8, 8))
+        .def_ro("agreeing", &pose::FlowFit::agreeing)
+        .def_ro("correlation", &pose::FlowFit::correlation)
+        .def_ro("used", &pose::FlowFit::used);
+    nb::list names;
+    for (const auto &[name, member] : pose::number_names) names.append(name);
+    m.attr("POSE_NUMBERS") = nb::tuple(names);
     m.attr("PATCH_SIDE") = pose::patch_side;
     m.attr("FINE_LEVELS") = pose::fine_levels;
     m.attr("REGION_CELLS") = pose::region_cells;

@@ -55,6 +55,26 @@ inline Placed placed(const Target &target, const Homography &G, const Matrix<8> 
     return out;
 }
 
+// The contacts in an image (x, y), their covariances (2, 2) and their mean.
+struct Contacts {
+    std::vector<double> places, covariances;
+    Point middle{};
+};
+
+inline Contacts placed_contacts(const Target &target, const Homography &G, const Matrix<8> &P) {
+    Contacts out;
+    for (const Point &contact : target.contacts) {
+        const Placed found = placed(target, G, P, contact);
+        out.places.insert(out.places.end(), {found.at.x, found.at.y});
+        out.covariances.insert(out.covariances.end(), found.covariance.begin(), found.covariance.end());
+        out.middle.x += found.at.x;
+        out.middle.y += found.at.y;
+    }
+    out.middle.x /= static_cast<double>(target.contacts.size());
+    out.middle.y /= static_cast<double>(target.contacts.size());
+    return out;
+}
+
 struct Joined {
     double distance = std::numeric_limits<double>::infinity();  // squared, of the two in their common covariance
     Homography G;

@@ -275,7 +275,7 @@ class Solver {
     States shares() const { return {numbers_.share_object, numbers_.share_occluded, numbers_.share_other}; }
     double stay() const { return std::exp(-1.0 / (numbers_.stretch * static_cast<double>(target_.points.size()))); }
     EdgeNumbers edge_numbers() const {
-        return {numbers_.miss, numbers_.same_sign, numbers_.edge_floor, start_.inner_spread, numbers_.other_spread, start_.sides};
+        return {numbers_.edge_missed, numbers_.same_sign, numbers_.edge_floor, start_.inner_spread, numbers_.other_spread, start_.sides};
     }
 
     // Edges and thickness, by expectation and maximisation: which candidate, then the pose, `rounds` times at most. Their rows are added to

@@ -79,15 +79,23 @@ inline Matrix<9> beyond_noise(const Matrix<9> &own, const Packed<8> &along, doub
 // What is expected of the pose and allowed by a camera, as normal equations: priors, bounded perspective, a pinhole's view of a
 // rigid plane, and what is not known of part and camera.
 
+// Of grasptrack.tracking.numbers, where each is described, those that the estimator needs, by the same names.
 struct Numbers {
-    double miss, same_sign, edge_floor, edge_noise, other_spread;
-    double share_object, share_occluded, share_other, stretch;
-    double texture_floor, texture_independent, texture_freedom, texture_spread;
-    double prior_freedom, perspective, pinhole_sd, pinhole_freedom;
-    double sample_distance;  // work px of the outline that carry one independent measurement
-    double wide;             // of the size: how far round the answer edges are looked for
-    double cell_unlikely, cell_far, cell_power, cell_cover;
-    double tolerance, tolerance_px;
+    double edge_missed, same_sign, edge_floor, edge_noise, other_spread, share_object, share_occluded, share_other, stretch, sample_distance,
+        wide, cell_unlikely, cell_far, cell_power, cell_cover, texture_floor, texture_independent, texture_freedom, prior_freedom, perspective,
+        pinhole_sd, pinhole_freedom, tolerance, tolerance_px;
+};
+
+constexpr std::pair<const char *, double Numbers::*> number_names[] = {
+    {"edge_missed", &Numbers::edge_missed}, {"same_sign", &Numbers::same_sign}, {"edge_floor", &Numbers::edge_floor},
+    {"edge_noise", &Numbers::edge_noise}, {"other_spread", &Numbers::other_spread}, {"share_object", &Numbers::share_object},
+    {"share_occluded", &Numbers::share_occluded}, {"share_other", &Numbers::share_other}, {"stretch", &Numbers::stretch},
+    {"sample_distance", &Numbers::sample_distance}, {"wide", &Numbers::wide}, {"cell_unlikely", &Numbers::cell_unlikely},
+    {"cell_far", &Numbers::cell_far}, {"cell_power", &Numbers::cell_power}, {"cell_cover", &Numbers::cell_cover},
+    {"texture_floor", &Numbers::texture_floor}, {"texture_independent", &Numbers::texture_independent},
+    {"texture_freedom", &Numbers::texture_freedom}, {"prior_freedom", &Numbers::prior_freedom},
+    {"perspective", &Numbers::perspective}, {"pinhole_sd", &Numbers::pinhole_sd}, {"pinhole_freedom", &Numbers::pinhole_freedom},
+    {"tolerance", &Numbers::tolerance}, {"tolerance_px", &Numbers::tolerance_px},
 };
 
 struct Start {

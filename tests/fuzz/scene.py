@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import reference
+from grasptrack.kernels import POSE_NUMBERS
 from grasptrack.kernels.results import (
     AlignmentSteps,
     CurvatureVector,
@@ -19,15 +20,14 @@ from grasptrack.kernels.results import (
     TraceOptions,
     WrenchSpace,
 )
-from reference.registration.pose import NAMES
 
 METHODS = ("hide", "add_texture", "solve", "follow", "moved", "difference", "placed", "joined", "pinhole")
 CLASS = "PoseTarget"
 
 
 def callable_names() -> list[str]:
-    """Every exported kernel, and every method of the class among them."""
-    names = [name for name in reference.__all__ if not name.startswith("_")]
+    """Every exported kernel, and every method of the class that is made from arguments."""
+    names = [name for name in reference.__all__ if name == CLASS or not isinstance(getattr(reference, name), type)]
     return sorted([*names, *(f"{CLASS}.{method}" for method in METHODS)])
 
 
@@ -97,7 +97,7 @@ class Scene:
 
 
 def _numbers(s: Scene) -> dict[str, float]:
-    return {name: float(s.rng.uniform(0.05, 0.9)) for name in NAMES}
+    return {name: float(s.rng.uniform(0.05, 0.9)) for name in POSE_NUMBERS}
 
 
 Maker = Callable[[Scene], Any]
@@ -194,6 +194,7 @@ USUAL: dict[str, Maker] = {
     "radius": lambda s: 15.0,
     "reach": lambda s: 6.0,
     "readout": lambda s: 0.3,
+    "readout_variance": lambda s: 0.01,
     "reference": lambda s: (*s.rng.normal(0, 0.01, 4), 400.0, 20.0, 20.0, 0.3),
     "rho": lambda s: 12.0,
     "right": lambda s: 40,

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Targets, images and questions for the kernel that fits poses and for its definition."""
+"""Targets, images and questions for the kernel that fits poses and for its objective."""
 
 from __future__ import annotations
 
-from typing import Any
+import inspect
+import math
+from dataclasses import fields
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import pytest
+import scipy.linalg
 from hypothesis import settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -16,6 +20,10 @@ import _grasptrack_native as native
 import reference
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.typing import Floats
+from reference.registration.objective import Objective, Start
+from reference.registration.pyramid import Level
+from reference.registration.target import Target
+from reference.registration.texture import cut_patches
 
 Grey = NDArray[np.uint8]
 
@@ -131,7 +139,7 @@ def ingredients(seed: int, n: int, numbers: dict[str, float], textured: bool = T
 
 
 def target(module: Any, seed: int, n: int = 80, *, textured: bool = True, **numbers: float) -> Any:
-    """A target, compiled or of the definition."""
+    """A target of a module's class."""
     made = module.PoseTarget(*ingredients(seed, n, numbers, textured))
     rng = np.random.default_rng(seed)
     levels = pyramid(draw(A, seed, textured=textured))
@@ -140,8 +148,20 @@ def target(module: Any, seed: int, n: int = 80, *, textured: bool = True, **numb
     return made
 
 
-def both(seed: int, n: int = 80, **more: Any) -> tuple[Any, Any]:
-    return target(native, seed, n, **more), target(reference, seed, n, **more)
+def definition(seed: int, n: int = 80, *, textured: bool = True, **numbers: float) -> Target:
+    """The same for the objective."""
+    made = Target(*ingredients(seed, n, numbers, textured)[1:])
+    rng = np.random.default_rng(seed)
+    levels = seen(pyramid(draw(A, seed, textured=textured)))
+    for stride in (1.0, 2.0, 4.0):
+        places = np.round(CENTRE + rng.uniform(-18.0, 18.0, (30, 2)))
+        made.texture.append(cut_patches(made, levels, A, places, stride))
+    return made
+
+
+def seen(levels: list[Grey]) -> list[Level]:
+    """A pyramid as the objective takes it."""
+    return [Level(level) for level in levels]
 
 
 def known(drift: float, shape: float) -> Floats:
@@ -149,15 +169,78 @@ def known(drift: float, shape: float) -> Floats:
     return np.diag([drift] * 2 + [shape] * 6) ** 2
 
 
-def question(levels: list[Grey], start: Floats = A, **other: Any) -> list[Any]:
+def question(levels: list[Grey], start: Floats = A, **other: Any) -> dict[str, Any]:
     """Arguments of `solve`."""
-    given_ = {
+    return {
         "levels": levels, "G": start, "P": known(3.0, 1.0), "last": start, "bend": np.zeros((3, 8)),
-        "readout": 0.0, "nuisance": np.array([0.0, *THETA]),
+        "readout": 0.0, "readout_variance": 0.0, "nuisance": np.array([0.0, *THETA]),
         "nuisance_covariance": NUISANCE_COVARIANCE, "sides": 0.9, "inner_spread": 12.0,
         "gain": 1.0, "bias": 0.0, "reach": 0.0, "edge_width": 0.8, "blur_share": 0.45,
-    }  # fmt: skip
-    return list((given_ | other).values())
+    } | other  # fmt: skip
+
+
+def objective(about: Target, asked: dict[str, Any], G: Floats, **numbers: float) -> Objective:
+    """What an answer G (3, 3) to a question makes least."""
+    start = Start(**{field.name: asked[field.name] for field in fields(Start)})
+    return Objective(about, seen(asked["levels"]), start, NUMBERS.table() | numbers, G)
+
+
+def fuzzed(seed: int) -> tuple[Any, Target, dict[str, Any]]:
+    """A target, compiled and of the objective, and a question: parts may be covered, bent, blurred, thick or lit otherwise."""
+    rng = np.random.default_rng(seed)
+    n, textured = int(rng.choice([40, 80, 140])), bool(rng.random() < 0.5)
+    patch = None
+    if rng.random() < 0.4:
+        patch = CENTRE + rng.uniform(-40.0, 40.0, 2) + rng.uniform(-25.0, 25.0, (3, 2)), rng.choice([70.0, 165.0, 30.0])
+    blur, bend, share = rng.uniform(0.6, 2.0), rng.normal(0.0, 0.1, (3, 8)), rng.choice([0.0, rng.uniform(-1.0, 1.0)])
+    light = rng.uniform(0.8, 1.2), rng.uniform(-20.0, 20.0)
+    G, noise = view(rng, rng.uniform(0.2, 1.0)), rng.uniform(0.5, 2.5)
+    image = draw(G, seed, blur=blur, noise=noise, textured=textured, patch=patch, light=light, bend=share * bend)
+    mixed = np.eye(4) + np.tril(0.2 * rng.normal(size=(4, 4)), -1)
+    asked = question(
+        pyramid(image),
+        reach=rng.choice([0.0, 5.0, 14.0]),
+        last=view(rng, 2.0) if rng.random() < 0.3 else A,
+        nuisance=np.array([rng.uniform(0.0, 4.0), *rng.uniform(-0.4, 0.4, 3)]),
+        nuisance_covariance=mixed @ np.diag(rng.uniform([0.5, 0.01, 0.01, 0.01], [9.0, 0.16, 0.25, 0.25])) @ mixed.T,
+        sides=rng.uniform(0.0, 1.0),
+        gain=light[0] + rng.normal(0.0, 0.05),
+        bias=light[1] + rng.normal(0.0, 5.0),
+        edge_width=math.hypot(0.4, blur),
+        blur_share=rng.choice([0.0, 0.2, 0.45]),
+        bend=bend,
+        readout=share,
+    )
+    return target(native, seed, n, textured=textured), definition(seed, n, textured=textured), asked
+
+
+class Left(NamedTuple):
+    """What is left of an answer where its objective is least.
+
+    Attributes:
+        px, deviations: work px by which a contact would still move, and in standard deviations of the answer.
+        narrow: least share of the variance that the objective has which the answer has, in any direction.
+    """
+
+    px: float
+    deviations: float
+    narrow: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the answer is where its objective is least, as far as it says."""
+        return self.px < 0.05 or self.deviations < 1.0
+
+
+def what_is_left(seed: int) -> Left:
+    """How far the answer to a fuzzed question is from where its objective is least, and its covariance from the curvature's."""
+    made, about, asked = fuzzed(seed)
+    found = made.solve(**asked)
+    least = objective(about, asked, found.G)
+    J = about.jacobian(CONTACTS)
+    px, variance = np.abs(J @ least.x[:8]), np.einsum("npa,ab,npb->np", J, found.P, J)
+    share = scipy.linalg.eigh(found.P, least.P[:8, :8], eigvals_only=True)
+    return Left(px.max(), float((px / np.sqrt(variance)).max()), share.min())
 
 
 def carried(G: Floats, points: Floats) -> Floats:
@@ -165,8 +248,16 @@ def carried(G: Floats, points: Floats) -> Floats:
     return np.asarray((seen[:2] / seen[2]).T)
 
 
+def told(estimate: Any) -> dict[str, Any]:
+    """All that an estimate, or a flow, holds, by name."""
+    names = inspect.get_annotations(getattr(reference, type(estimate).__name__))
+    return {name: getattr(estimate, name) for name in names if name != "origin"}
+
+
 def same(found: Any, wanted: Any, *, rtol: float = 1e-7, atol: float = 1e-8) -> None:
     """Equal up to rounding, whatever they are made of."""
+    if isinstance(wanted, native.PoseEstimate | native.PoseFlow):
+        found, wanted = told(found), told(wanted)
     if isinstance(wanted, dict):
         assert list(found) == list(wanted)
         found, wanted = list(found.values()), list(wanted.values())

@@ -66,9 +66,14 @@ def test_kernels_refuse_what_their_definitions_refuse() -> None:
     # a width of which rounding makes nothing; shares of any shape; regions below 0, of which NumPy has no root
     differ = {"contact_frames", "surface_evidence", "rank_grasps"}
     apart, compared = [], 0
-    for index in range(1600):
+    for index in range(1900):
         call = draw_call(3, index)
-        if call.kernel in differ or types_of(call) != types_of(draw_call(3, index, odd=False)):
+        # the class is declared, and refuses what test_kernels_pose says
+        if (
+            call.kernel in differ
+            or call.kernel.startswith(CLASS)
+            or types_of(call) != types_of(draw_call(3, index, odd=False))
+        ):
             continue
         try:
             make_call(call, native)

@@ -12,7 +12,7 @@ from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
 from grasptrack_bench.simulation import DISTURBANCES, SHAPES
 from posed import FEW, SEEDS
-from reference.registration.system import beyond_noise
+from reference.registration.objective import beyond_noise
 
 N = 300
 ANGLES = np.linspace(0.0, 2.0 * np.pi, N, endpoint=False)

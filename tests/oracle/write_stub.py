@@ -22,6 +22,7 @@ import reference
 STUB = Path(__file__).resolve().parents[2] / "src" / "_grasptrack_native.pyi"
 NUMBERS = {
     "EDGE_WINDOW": "px on either side of an edge whose gradients tell its place (`search_along_normals`).",
+    "POSE_NUMBERS": "Of `grasptrack.tracking.numbers.Numbers`, those that `PoseTarget` needs.",
     "PATCH_SIDE": "Pixels of the side of a patch of texture (`PoseTarget.add_texture`).",
     "FINE_LEVELS": "Levels of texture, from the finest, that are used beside the edges.",
     "REGION_CELLS": "Depths on each side of the outline at which grey levels are compared.",
@@ -47,7 +48,8 @@ def write_stub() -> str:
     imports = {"from typing import Final"}
     for module, node in kernels:
         _Types(module, imports).visit(node)
-    numbers = [f'{n}: Final[{type(getattr(native, n)).__name__}]\n"""{said}"""' for n, said in NUMBERS.items()]
+    kinds = {name: type(getattr(native, name)).__name__.replace("tuple", "tuple[str, ...]") for name in NUMBERS}
+    numbers = [f'{name}: Final[{kinds[name]}]\n"""{said}"""' for name, said in NUMBERS.items()]
     stubs = [ast.unparse(node) for _, node in kernels]
     parts = [HEAD, *sorted(imports), "_build: str", *numbers, *stubs]
     return _ruff("format", _ruff("check", "\n".join(parts) + "\n", "--quiet", "--select=I", "--fix"))
@@ -72,7 +74,8 @@ def _without_body(kernel: Kernel) -> Kernel:
     said = kernel.body[:1] if ast.get_docstring(kernel) else []
     methods = [n for n in kernel.body if isinstance(n, ast.FunctionDef) and (n.name == "__init__" or n.name[0] != "_")]
     if isinstance(kernel, ast.ClassDef):
-        kernel.body = [*said, *(_without_body(method) for method in methods)]
+        fields = [n for n in kernel.body if isinstance(n, ast.AnnAssign)]
+        kernel.body = [*said, *fields, *(_without_body(method) for method in methods)]
     else:
         kernel.body = said or [ast.Expr(ast.Constant(...))]
     return kernel
@@ -83,6 +86,10 @@ class _Types(ast.NodeTransformer):
 
     def __init__(self, module: str, imports: set[str]) -> None:
         self._module, self._imports = module, imports
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
+        node.annotation = self.visit(node.annotation)  # the name is the field's own
+        return node
 
     def visit_Name(self, node: ast.Name) -> ast.AST:
         for line in [] if hasattr(builtins, node.id) else _tree(self._module).body:

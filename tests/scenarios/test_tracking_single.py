@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -70,8 +71,9 @@ def test_the_largest_deviation_is_that_at_which_the_decision_refuses(share: floa
     state = begun(2.0 * L_PLATE)
     e = seen(state, np.eye(3), drawn(2.0 * L_PLATE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
     sigma = share * largest_sigma(e.area, NUMBERS) / NUMBERS.inflate
-    uncertain = replace(e, covariance=np.tile(sigma**2 * np.eye(2), (len(e.contacts), 1, 1)))
-    decision = decide_single(state, [uncertain])
+    uncertain = {name: getattr(e, name) for name in dir(e) if name[0] != "_"}
+    uncertain["covariance"] = np.tile(sigma**2 * np.eye(2), (len(e.contacts), 1, 1))
+    decision = decide_single(state, [cast(PoseEstimate, SimpleNamespace(**uncertain))])
     assert decision.accepted == accepted and decision.code == ("" if accepted else "uncertain")
 
 

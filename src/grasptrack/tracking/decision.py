@@ -26,6 +26,7 @@ from grasptrack.tracking.pose import (
     TURNED,
     PoseEstimate,
     contact_tolerance,
+    is_at,
     max_contact_distance,
     mean_point,
     worst_variance,
@@ -195,7 +196,7 @@ def lookalike_probability(state: TrackState, estimate: PoseEstimate, expected: E
     unseen = state.numbers.lookalike
     if not (state.lookalike or state.beside):
         return unseen
-    if estimate.is_at(mean_point(expected.contacts)) and not (state.lost and state.lookalike):
+    if is_at(estimate, mean_point(expected.contacts)) and not (state.lost and state.lookalike):
         return unseen
     left = departure_probability(expected.steps, state.numbers) if state.lookalike else 1.0
     return max(unseen, SEEN_LIKE * left)
@@ -341,7 +342,7 @@ def any_of(*probabilities: float) -> float:
 
 def _indices_near(estimate: PoseEstimate, estimates: Sequence[PoseEstimate], share: float) -> list[int]:
     """Which estimates lie where one lies, within a share of sqrt(area)."""
-    return [k for k, other in enumerate(estimates) if estimate.is_at(other.middle, share)]
+    return [k for k, other in enumerate(estimates) if is_at(estimate, other.middle, share)]
 
 
 def _log_add_exp(one: float, other: float) -> float:

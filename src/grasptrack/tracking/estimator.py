@@ -36,13 +36,14 @@ def estimate_pose(
     if not sane_area(target, hypothesis.G):
         return None
     bend = NO_BEND if still else state.bend(levels, hypothesis.G)
-    found = target.handle.solve(
+    found: PoseEstimate = target.handle.solve(
         levels,
         hypothesis.G,
         hypothesis.P,
         UNKNOWN_POSE if still else state.last.G,
         bend,
         readout.share,
+        readout.variance,
         state.nuisance,
         state.nuisance_covariance,
         state.sides,
@@ -52,26 +53,13 @@ def estimate_pose(
         state.edge_width,
         WHOLE_WAY if again else state.blur_share,
     )
-    area = sane_area(target, found["G"]) if found.pop("valid") else 0.0
+    area = sane_area(target, found.G) if found.valid else 0.0
     if not area:
         return None
-    by = found.pop("by_readout")
-    found["P"] = found["P"] + by[:, None] * (by * readout.variance)
-    contacts, covariance, middle = target.handle.placed(found["G"], found["P"])
-    occluded = found["occluded"]
-    hidden = float(occluded.sum()) / len(occluded) if len(occluded) else 0.0
-    return PoseEstimate(
-        origin=hypothesis.origin,
-        contacts=contacts,
-        covariance=covariance,
-        middle=middle,
-        area=area,
-        bend=bend,
-        light=(found.pop("gain"), found.pop("bias")),
-        hidden=hidden,
-        covered=hidden + found["elsewhere"],
-        **found,
-    )
+    occluded = found.occluded
+    found.origin, found.area = hypothesis.origin, area
+    found.hidden = float(occluded.sum()) / len(occluded) if len(occluded) else 0.0
+    return found
 
 
 def first_state(

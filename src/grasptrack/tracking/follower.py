@@ -43,8 +43,10 @@ from grasptrack.tracking.pose import (
     Hypothesis,
     Look,
     PoseEstimate,
+    changed_estimate,
     contact_tolerance,
     distinct_hypotheses,
+    is_at,
     lead_alike,
     max_contact_distance,
     mean_point,
@@ -252,7 +254,7 @@ class Follower:
             own = decision.estimate
             for k, e in enumerate(estimates):
                 if own is not None and e is not own and self._is_turned(own, e):
-                    estimates[k] = replace(e, origin=TURNED)
+                    estimates[k] = changed_estimate(e, origin=TURNED)
             return solutions.decide()
 
         if target.turns and (state.lost or state.gone or not state.accepted):
@@ -331,7 +333,7 @@ class Follower:
         # later on, what covers the object may have an outline like it
         for hypothesis in self.redetection.rivals(look, thorough=not state.accepted):
             other = estimate_pose(state, look.levels, hypothesis, still=True)
-            if other is None or own.is_at(other.middle):
+            if other is None or is_at(own, other.middle):
                 continue
             if pose_evidence(state, other) > LOOKALIKE_EVIDENCE * pose_evidence(state, own) > 0.0:
                 return True
@@ -340,7 +342,7 @@ class Follower:
     def _shows_both(self, decision: Decision) -> bool:
         """Whether one image shows the object where it was, and something that looks just like it elsewhere."""
         state, one, other = self.state, decision.estimate, decision.rival
-        if one is None or other is None or one.is_at(other.middle):
+        if one is None or other is None or is_at(one, other.middle):
             return False
         less, more = sorted(pose_evidence(state, e) for e in (one, other))
         if not less > LOOKALIKE_EVIDENCE * more > 0.0:

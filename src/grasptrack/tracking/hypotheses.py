@@ -4,16 +4,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.kernels import seen_area
+from grasptrack.kernels import PoseFlow, seen_area
 from grasptrack.tracking.decision import Decision, Expected, decide_pose
 from grasptrack.tracking.estimator import estimate_pose
 from grasptrack.tracking.evidence import expected_texture, pose_evidence, texture_evidence
-from grasptrack.tracking.pose import CONTINUOUS, Hypothesis, PoseEstimate, largest_sigma, lead_alike, worst_variance
+from grasptrack.tracking.pose import (
+    CONTINUOUS,
+    Hypothesis,
+    PoseEstimate,
+    changed_estimate,
+    largest_sigma,
+    lead_alike,
+    worst_variance,
+)
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
@@ -69,7 +76,7 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     flow = None if state.lost else _align_last_look(state, levels, rest, Q, target.clear_corners(state.visible))
     first = []
     if flow is not None:
-        hypothesis = Hypothesis("texture", flow["G"], state.P + flow["P"] + Q * numbers.predicted**2)
+        hypothesis = Hypothesis("texture", flow.G, state.P + flow.P + Q * numbers.predicted**2)
         first = [hypothesis]
         if even is not None:
             calm = Hypothesis("moving on", even, state.P + state.velocity_P + Q * state.agility)
@@ -83,7 +90,7 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     if background is None:
         return Predictions(first or rest, rest if first else [], None, even)
     # what rested on the background rests on it still
-    carried = Hypothesis("background", background["G"], state.P + background["P"] + Q * state.wander**2)
+    carried = Hypothesis("background", background.G, state.P + background.P + Q * state.wander**2)
     if first and not settled:
         joined = _fuse_predictions(state, carried, first[0])
         first = first if joined is None else [joined]
@@ -92,10 +99,10 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     return Predictions([carried, *rest], [], carried.G, even)
 
 
-def _fixes_contacts(state: TrackState, flow: dict[str, Any]) -> bool:
+def _fixes_contacts(state: TrackState, flow: PoseFlow) -> bool:
     """Whether its own texture tells where every contact is, as surely as an answer is asked for."""
-    covariance = state.target.handle.placed(flow["G"], flow["P"])[1]
-    area = abs(seen_area(flow["G"], state.target.outline))
+    covariance = state.target.handle.placed(flow.G, flow.P)[1]
+    area = abs(seen_area(flow.G, state.target.outline))
     return math.sqrt(worst_variance(covariance)) < largest_sigma(area, state.numbers)
 
 
@@ -107,7 +114,7 @@ def _fuse_predictions(state: TrackState, flow: Hypothesis, even: Hypothesis) -> 
 
 def _align_last_look(
     state: TrackState, levels: list[Grey], starts: list[Hypothesis], Q: Floats, places: Floats
-) -> dict[str, Any] | None:
+) -> PoseFlow | None:
     """The last look at some places (n, 2), work px, laid on this image; None where too few of them agree."""
     if len(places) < MIN_PLACES:
         return None
@@ -116,13 +123,13 @@ def _align_last_look(
         found = target.handle.follow(
             state.last.levels, state.last.G, levels, start.G, wide, places, target.corner_strides
         )
-        if not found["valid"] or found["agreeing"] * len(places) < MIN_PLACES:
+        if not found.valid or found.agreeing * len(places) < MIN_PLACES:
             continue
-        if best is None or found["agreeing"] > best["agreeing"]:
+        if best is None or found.agreeing > best.agreeing:
             best = found
-        if best["agreeing"] > PLENTY_AGREE:
+        if best.agreeing > PLENTY_AGREE:
             break
-    return None if best is None or best["agreeing"] < ENOUGH_AGREE else best
+    return None if best is None or best.agreeing < ENOUGH_AGREE else best
 
 
 class Solutions:
@@ -171,7 +178,7 @@ class Solutions:
                 if other is not None and score(other, hypothesis) > score(estimate, hypothesis):
                     estimate = other
                 else:
-                    estimate = replace(estimate, confirmed=True)
+                    estimate = changed_estimate(estimate, confirmed=True)
             self.found.append(estimate)
 
     def _is_answered(self, hypothesis: Hypothesis) -> bool:
@@ -184,7 +191,7 @@ class Solutions:
         target = self._state.target
         for first, second in self._second:
             if lead_alike(target, first, estimate):
-                return None if second is None else replace(second, origin=estimate.origin)
+                return None if second is None else changed_estimate(second, origin=estimate.origin)
         P, reach = estimate.P + target.noise_of_motion, target.numbers.wide * target.size
         farther = Hypothesis(estimate.origin, estimate.G, P, reach)
         found = estimate_pose(self._state, self._levels, farther, again=True, still=still)

@@ -10,7 +10,7 @@ import numpy as np
 from grasptrack.tracking.decision import Decision
 from grasptrack.tracking.evidence import outline_surprisal
 from grasptrack.tracking.hypotheses import Predictions
-from grasptrack.tracking.pose import CONTINUOUS, Look, PoseEstimate, mean_point
+from grasptrack.tracking.pose import CONTINUOUS, Look, PoseEstimate, is_at, mean_point
 from grasptrack.tracking.state import SHORTEST_STEP, TrackState, nothing_visible
 from grasptrack.tracking.target import Grey
 
@@ -106,7 +106,7 @@ def lose(
     # what shows its outline in its place has not left it, whatever else is wrong
     at_place = False
     if e is not None and decision.presence > FOLLOWED_PRESENCE:
-        at_place = e.is_at(mean_point(state.target.carried(state.expected)))
+        at_place = is_at(e, mean_point(state.target.carried(state.expected)))
     state.anchored = state.anchored and background is not None
     if background is not None and state.anchored:
         state.expected = background

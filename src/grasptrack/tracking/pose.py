@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.equality import compared_by_value
+from grasptrack.kernels import PoseEstimate as PoseEstimate
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
@@ -55,79 +57,17 @@ class Hypothesis:
     reach: float = 0.0
 
 
-@compared_by_value
-@dataclass(frozen=True)
-class PoseEstimate:
-    """A hypothesis made exact: what `kernels.PoseTarget.solve` found, and where that puts the contacts.
+def changed_estimate(estimate: PoseEstimate, *, origin: str | None = None, confirmed: bool = False) -> PoseEstimate:
+    """The same from elsewhere, or confirmed."""
+    other = copy.copy(estimate)
+    other.origin = origin or other.origin
+    other.confirmed |= confirmed
+    return other
 
-    Attributes:
-        origin: of the hypothesis.
-        G, P: pose and covariance.
-        contacts: (k, 2) px.
-        covariance: (k, 2, 2) px^2 of them, by the model alone.
-        middle: (x, y) px of the contacts.
-        area: px^2 of the outline in the image.
-        bend: (3, 8) as of `Shutter`.
-        light: gain and bias of the surface's grey levels since the first view.
-        hidden: share of the outline that is occluded; covered: that, or has its edge elsewhere.
-        nuisance, nuisance_covariance: (4,), (4, 4) as of `TrackState`.
-        readout, readout_variance: share of a usual interval, as the edges of this image tell it.
-        sides: probability that a thick part's sides are seen as the object; NaN where nothing tells.
-        edge_width: work px, standard deviation of an edge at rest; NaN where too few are seen.
-        blur_share: half of an edge's blur, of what moved across it since the last image; NaN where too few moved.
-        blur: work px, half of what blurs all but a quarter of the edges; NaN where too few are seen.
-        edge_share: of the outline's samples whose edge was found; edge_sigma: work px, of their residuals.
-        look: grey levels by which the inner side differs from the first view's, median.
-        texture_used, texture_agreeing: patches in the image, and the share of them that agree with the pose; texture_spread:
-            their errors in predicted sd.
-        correlation: of each patch of the three finest levels; NaN outside the image.
-        visible, occluded, other: of each sample of the outline, probabilities.
-        log_odds: of the outline, this object against none.
-        elsewhere: share of the outline whose edge lies elsewhere; astray: log-likelihood ratio of these edges, of something
-            else against light that hides them and a pose that is a little off.
-        other_shape: log-likelihood ratio of another shape; differs: of each sample, probability that the shape differs there.
-        confirmed: a second solution, from farther away, was no better.
-    """
 
-    origin: str
-    G: Floats
-    P: Floats
-    contacts: Floats
-    covariance: Floats
-    middle: tuple[float, float]
-    area: float
-    bend: Floats
-    light: tuple[float, float]
-    hidden: float
-    covered: float
-    nuisance: Floats
-    nuisance_covariance: Floats
-    readout: float
-    readout_variance: float
-    sides: float
-    edge_width: float
-    blur_share: float
-    blur: float
-    edge_share: float
-    edge_sigma: float
-    look: float
-    texture_used: int
-    texture_agreeing: float
-    texture_spread: float
-    correlation: list[Floats]
-    visible: Floats
-    occluded: Floats
-    other: Floats
-    log_odds: float
-    elsewhere: float
-    astray: float
-    other_shape: float
-    differs: Floats
-    confirmed: bool = False
-
-    def is_at(self, place: tuple[float, float], share: float = SAME_PLACE) -> bool:
-        """Whether it lies within a share of sqrt(area) of a place (x, y) px."""
-        return math.dist(self.middle, place) < share * math.sqrt(self.area)
+def is_at(estimate: PoseEstimate, place: tuple[float, float], share: float = SAME_PLACE) -> bool:
+    """Whether an estimate lies within a share of sqrt(area) of a place (x, y) px."""
+    return math.dist(estimate.middle, place) < share * math.sqrt(estimate.area)
 
 
 def lead_alike(target: Target, one: Hypothesis | PoseEstimate, other: Hypothesis | PoseEstimate) -> bool:

@@ -3,20 +3,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.kernels import MOST_HALF_WIDTH
 from grasptrack.typing import Bools, Floats, Ints
-from reference.registration.pyramid import (
-    Level,
-    Pyramid,
-    level_through,
-    transform_points,
-    upper_median,
-)
+from reference.registration.pyramid import Level, Pyramid, level_through, transform_points, upper_median
 from reference.registration.target import INNER, INNER_FIRST, Target
 
 MOST = 6
@@ -25,11 +17,11 @@ DISPLACED = 0.55
 """Of `half`, by noise as strong as the step: standard deviation of an edge's place, as edges drawn at any angle show."""
 BEYOND = 16
 """Work px of a profile beyond the reach, for the filter and for what lies inside an edge."""
-LEAST = 2.5
+LEAST_STEP = 2.5
 """A step below so many standard deviations of what noise alone gives is none."""
-CLUTTER = 0.02
+LEAST_CLUTTER = 0.02
 """Least density of candidates that belong to nothing, for each work px."""
-FEW = 30
+FEW_SAMPLES = 30
 """Samples of the surface below which the light is taken to be that of the reference."""
 FLAT, SOFT = 5.0, 25.0
 """Grey levels: spread of the surface below which no gain is told; residual at which a sample counts a quarter."""
@@ -44,8 +36,7 @@ class Light(NamedTuple):
     bias: float
 
 
-@dataclass
-class Candidates:
+class Candidates(NamedTuple):
     """Edges on the normals of the samples.
 
     Attributes:
@@ -53,8 +44,7 @@ class Candidates:
         density: candidates for each work px of a normal, on the average.
         half: (n,) px on each side of an edge that were averaged.
         inside: (n,) False where a sample lies outside the image.
-        count: (n,) candidates of each.
-        offset: (n, MOST) work px along the outward normal; the first `count` of each row count.
+        offset: (n, MOST) work px along the outward normal; NaN of none.
         step: (n, MOST) signed, grey levels.
         difference: (n, MOST) mean square of the inner side's grey levels from the object's own.
     """
@@ -63,14 +53,9 @@ class Candidates:
     density: float
     half: Ints
     inside: Bools
-    count: Ints
     offset: Floats
     step: Floats
     difference: Floats
-
-    def there(self) -> Bools:
-        """(n, MOST) which entries are candidates."""
-        return np.asarray(np.arange(MOST) < self.count[:, None])
 
 
 def sample_profiles(level: Level, H: Floats, points: Floats, normals: Floats, span: int) -> tuple[Floats, Bools]:
@@ -84,99 +69,63 @@ def sample_profiles(level: Level, H: Floats, points: Floats, normals: Floats, sp
     Returns:
         (n, 2 span + 1), NaN outside the image; (n,).
     """
-    (px, py), (nx, ny) = points.T, normals.T
-    x0, x1 = H[0, 0] * px + H[0, 1] * py + H[0, 2], H[0, 0] * nx + H[0, 1] * ny
-    y0, y1 = H[1, 0] * px + H[1, 1] * py + H[1, 2], H[1, 0] * nx + H[1, 1] * ny
-    w0, w1 = H[2, 0] * px + H[2, 1] * py + H[2, 2], H[2, 0] * nx + H[2, 1] * ny
-    k = np.arange(-span, span + 1)
-    s = 1.0 / (w0[:, None] + k * w1[:, None])
-    values = level.at((x0[:, None] + k * x1[:, None]) * s, (y0[:, None] + k * y1[:, None]) * s)
-    return values, level.holds(x0 / w0, y0 / w0, 3.0)
+    at = points[:, None] + np.arange(-span, span + 1)[:, None] * normals[:, None]
+    return level.at(*transform_points(H, *at.transpose(2, 0, 1))), level.holds(*transform_points(H, *points.T), 3.0)
 
 
-def find_candidates(values: Floats, span: int, reach: int, noise: float, half: Ints) -> tuple[Ints, Floats, Floats]:
-    """Extrema of (mean of `half` px outside - mean of `half` px inside) within the reach.
+def find_candidates(values: Floats, reach: int, noise: float, half: int) -> list[tuple[float, float]]:
+    """Extrema of (mean of `half` px outside - mean of `half` px inside) within the reach of a profile's middle.
 
     A wide filter does not displace a sharp edge, and finds the middle of a blurred one.
 
     Args:
-        values: (n, 2 span + 1) profiles.
-        span, reach: px on either side, that are given and that are searched.
+        values: (2 span + 1,) profile.
+        reach: px on either side.
         noise: grey levels.
-        half: (n,) px, at least 1.
+        half: px, at least 1.
 
     Returns:
-        (n,) counts, (n, MOST) offsets, px, and (n, MOST) steps, grey levels.
+        Offset, px, and step, grey levels, of the MOST strongest, in the order in which they were found.
     """
-    n, length = values.shape
-    counts, offsets, steps = np.zeros(n, dtype=np.int64), np.zeros((n, MOST)), np.zeros((n, MOST))
-    unknown = np.isnan(values)
-    sums = np.zeros((n, length + 1))
-    sums[:, 1:] = np.cumsum(np.where(unknown, 0.0, values), axis=1)
-    gaps = np.zeros((n, length + 1), dtype=np.int64)
-    gaps[:, 1:] = np.cumsum(unknown, axis=1)
-    raw, g = np.zeros((n, length)), np.zeros((n, length))
-    for h in np.unique(half):
-        rows = half == h
-        k = np.arange(h, length - h)
-        s = sums[rows]
-        value = (s[:, k + h + 1] - s[:, k + 1] - s[:, k] + s[:, k - h]) / h
-        known = gaps[rows][:, k + h + 1] == gaps[rows][:, k - h]
-        raw[rows, h : length - h] = np.where(known, value, 0.0)
-    g[:, 1:-1] = 0.5 * raw[:, 1:-1] + 0.25 * (raw[:, :-2] + raw[:, 2:])
-    least = LEAST * noise * np.sqrt(2.0 / half)
-    k = np.arange(max(2, span - reach), min(length - 3, span + reach) + 1)
-    before, here, after = g[:, k - 1], g[:, k], g[:, k + 1]
-    a, a_before, a_after = np.abs(here), np.abs(before), np.abs(after)
-    peak = (a > least[:, None]) & (a >= a_before) & (a > a_after) & (before * here >= 0) & (after * here >= 0)
-    bend = a_before - 2 * a + a_after
-    offset = (k - span) + np.where(bend != 0, 0.5 * (a_before - a_after) / bend, 0.0)
-    for i in np.flatnonzero(peak.any(axis=1)):
-        for q in np.flatnonzero(peak[i]):
-            at = counts[i]
-            if at < MOST:
-                counts[i] += 1
-            else:
-                at = np.abs(steps[i]).argmin()
-                if abs(steps[i, at]) >= a[i, q]:
-                    continue
-            offsets[i, at], steps[i, at] = offset[i, q], here[i, q]
-    return counts, offsets, steps
+    length, span = len(values), len(values) // 2
+    raw, known = np.zeros(length), np.where(np.isnan(values), 0.0, values)
+    sums = np.append(0.0, np.cumsum(known))
+    for k in range(half, length - half):
+        if not np.isnan(values[k - half : k + half + 1]).any():
+            raw[k] = (sums[k + half + 1] - sums[k + 1] - sums[k] + sums[k - half]) / half
+    g = np.zeros(length)
+    g[1:-1] = 0.5 * raw[1:-1] + 0.25 * (raw[:-2] + raw[2:])
+    found: list[tuple[float, float]] = []
+    for k in range(max(2, span - reach), min(length - 3, span + reach) + 1):
+        before, a, after = np.abs(g[k - 1 : k + 2])
+        peak = a >= before and a > after and g[k - 1] * g[k] >= 0 and g[k + 1] * g[k] >= 0
+        if not (peak and a > LEAST_STEP * noise * np.sqrt(2.0 / half)):
+            continue
+        bend = before - 2.0 * a + after
+        one = k - span + (0.5 * (before - after) / bend if bend else 0.0), g[k]
+        if len(found) < MOST:
+            found.append(one)
+        else:
+            weakest = min(range(MOST), key=lambda i: abs(found[i][1]))
+            if abs(found[weakest][1]) < a:
+                found[weakest] = one
+    return found
 
 
-def edge_width(values: Floats, half: Ints) -> Floats:
-    """Standard deviation of the edges in the middle of profiles, by the area between their profiles and a step.
+def edge_width(values: Floats, half: int) -> float:
+    """Standard deviation of the edge in the middle of a profile, by the area between it and a step; NaN where that fails.
 
     That of a blurred edge is sqrt(2 / pi) times its standard deviation and its step.
 
     Args:
-        values: (n, 2 span + 1) profiles, the span `half` + 2 at least.
-        half: (n,) px, twice the deviation that is expected, so that the step is whole beyond.
-
-    Returns:
-        (n,) px; NaN where it cannot be told.
+        values: (2 span + 1,) profile, the span `half` + 2 at least.
+        half: px, twice the deviation that is expected, so that the step is whole beyond.
     """
-    n, length = values.shape
-    at = length // 2
-    out = np.full(n, np.nan)
-    for h in np.unique(half):
-        rows = half == h
-        v = values[rows]
-        outer = 0.5 * (v[:, at + h + 1] + v[:, at + h + 2])
-        inner = 0.5 * (v[:, at - h - 1] + v[:, at - h - 2])
-        beyond = (outer[:, None] - v[:, at + 1 : at + h + 1]).sum(axis=1) + (v[:, at - h : at] - inner[:, None]).sum(
-            axis=1
-        )
-        width = np.sqrt(0.5 * np.pi) * (0.5 * (outer - inner) + beyond) / (outer - inner)
-        out[rows] = np.where((width > 0) & (width < np.inf), width, np.nan)
-    return out
-
-
-def edge_widths(target: Target, pyramid: Pyramid, G: Floats, places: Floats, half: Ints) -> Floats:
-    """(n,) work px, standard deviation of each sample's edge at its place (n, 2), seen through G (3, 3), see `edge_width`."""
-    level, H = level_through(pyramid, G, target.centre, 1.0)
-    values, _ = sample_profiles(level, H, places, target.normals, MOST_HALF_WIDTH + 2)
-    return edge_width(values, half)
+    outward, inward = values[len(values) // 2 :], values[len(values) // 2 :: -1]
+    outer, inner = outward[half + 1 : half + 3].mean(), inward[half + 1 : half + 3].mean()
+    beyond = (outer - outward[1 : half + 1]).sum() + (inward[1 : half + 1] - inner).sum()
+    width = np.sqrt(0.5 * np.pi) * (0.5 * (outer - inner) + beyond) / (outer - inner)
+    return float(width) if 0.0 < width < np.inf else float("nan")
 
 
 def measure_edges(
@@ -185,34 +134,26 @@ def measure_edges(
     """All candidates of all samples of an image seen through the pose G (3, 3).
 
     Args:
-        target: whose outline.
-        pyramid: the image.
-        G: the pose.
+        target, pyramid, G: whose outline, in which image, seen through which pose.
         places: (n, 2) work px, of the samples' edges.
         reach: work px within which edges are looked for.
         half: (n,) px on each side of an edge that are averaged.
         light: of the surface now.
         most_span: work px of a profile at most, on either side.
     """
-    span = min(most_span, reach + BEYOND)
+    span, n = min(most_span, reach + BEYOND), len(places)
     level, H = level_through(pyramid, G, target.centre, 1.0)
     values, inside = sample_profiles(level, H, places, target.normals, span)
-    counts, offsets, steps = find_candidates(values, span, reach, target.noise, half)
-    counts[~inside] = 0
-    # the inner side of each candidate, farther in where the edge is wide
-    at = _round_half_away(offsets)[:, :, None] + (INNER_FIRST + np.arange(INNER) + span) - (half - 2)[:, None, None]
-    at = np.clip(at, 0, 2 * span)
-    seen = np.take_along_axis(values, at.reshape(len(at), -1), axis=1).reshape(at.shape)
-    off = seen - (light.gain * target.inner + light.bias)[:, None]
-    difference = np.where(np.isnan(off), 0.0, off * off).sum(axis=2) / INNER
-    density = max(CLUTTER, float(counts.sum()) / max(1, int(inside.sum())) / (2 * reach + 1))
-    return Candidates(reach, density, half, inside, counts, offsets, steps, difference)
-
-
-def _round_half_away(x: Floats) -> Ints:
-    """To the nearest whole number, halves away from 0."""
-    down = np.trunc(x)
-    return np.asarray((down + np.sign(x) * (np.abs(x - down) >= 0.5)).astype(np.int64))
+    offset, step, difference = (np.full((n, MOST), np.nan) for _ in range(3))
+    for i in np.flatnonzero(inside):
+        for q, (at, g) in enumerate(find_candidates(values[i], reach, target.noise, half[i])):
+            offset[i, q], step[i, q] = at, g
+            # the inner side, farther in where the edge is wide
+            first = int(np.trunc(at + np.copysign(0.5, at))) + INNER_FIRST + span - (half[i] - 2)
+            seen = values[i, np.clip(np.arange(first, first + INNER), 0, 2 * span)]
+            difference[i, q] = np.nansum((seen - (light.gain * target.inner[i] + light.bias)) ** 2) / INNER
+    density = max(LEAST_CLUTTER, np.isfinite(offset).sum() / max(1, int(inside.sum())) / (2 * reach + 1))
+    return Candidates(reach, density, half, inside, offset, step, difference)
 
 
 def surface_light(target: Target, pyramid: Pyramid, G: Floats, before: Light) -> Light:
@@ -221,15 +162,15 @@ def surface_light(target: Target, pyramid: Pyramid, G: Floats, before: Light) ->
     Where much is covered, the cover is what fits most: the light of before, as far as it still explains some of the surface,
     is believed rather than a jump of the light.
     """
-    y = pyramid[0].at(*transform_points(G, target.surface[:, 0], target.surface[:, 1]), margin=1.0)
+    y = pyramid[0].at(*transform_points(G, *target.surface.T), margin=1.0)
     held = ~np.isnan(y)
     x, y = target.surface_value[held], y[held]
-    if len(x) < FEW:
+    if len(x) < FEW_SAMPLES:
         return before
-    spread = x.std()
-    gain = float(np.clip(y.std() / spread, 0.4, 2.5)) if spread > FLAT else 1.0
-    fresh = _refine_light(Light(gain, float(upper_median(y - gain * x))), x, y, spread > FLAT)
-    same = _refine_light(before, x, y, spread > FLAT)
+    varied = x.std() > FLAT
+    gain = float(np.clip(y.std() / x.std(), 0.4, 2.5)) if varied else 1.0
+    fresh = _refine_light(Light(gain, float(upper_median(y - gain * x))), x, y, varied)
+    same = _refine_light(before, x, y, varied)
     explained = [(np.abs(y - light.gain * x - light.bias) < 0.5 * SOFT).sum() for light in (fresh, same)]
     return fresh if JUMP * explained[0] > explained[1] else same
 
@@ -238,9 +179,8 @@ def _refine_light(light: Light, x: Floats, y: Floats, varied: bool) -> Light:
     """The light that explains grey levels y by x, each counting the less the worse it fits."""
     for _ in range(3):
         weight = 1.0 / (1.0 + (y - light.gain * x - light.bias) ** 2 / SOFT**2) ** 2
-        total = weight.sum()
-        mx, my = (weight * x).sum() / total, (weight * y).sum() / total
-        cross, own = (weight * (x - mx) * (y - my)).sum(), 1e-6 + (weight * (x - mx) * (x - mx)).sum()
+        mx, my = np.average(x, weights=weight), np.average(y, weights=weight)
+        cross, own = (weight * (x - mx) * (y - my)).sum(), 1e-6 + (weight * (x - mx) ** 2).sum()
         gain = float(np.clip(cross / own, 0.3, 3.0)) if varied else light.gain
         light = Light(gain, float(my - gain * mx))
     return light
@@ -258,12 +198,12 @@ class EdgeNumbers(NamedTuple):
         sides: probability that a thick part's sides are seen as the object, so that its outline is the lower face's.
     """
 
-    miss: np.float64
-    same_sign: np.float64
-    floor: np.float64
-    inner_spread: np.float64
-    other_spread: np.float64
-    sides: np.float64
+    miss: float
+    same_sign: float
+    floor: float
+    inner_spread: float
+    other_spread: float
+    sides: float
 
 
 class EdgeLikelihoods(NamedTuple):
@@ -273,6 +213,7 @@ class EdgeLikelihoods(NamedTuple):
         object, other: likelihood ratios against clutter, of its edge here and of an edge of the object elsewhere.
         upper, lower: probability that the upper, or the lower face's edge was seen, if the object is here.
         upper_offset, lower_offset: work px, where.
+        share: (n, MOST, 2) of each candidate in them.
     """
 
     object: Floats
@@ -281,6 +222,7 @@ class EdgeLikelihoods(NamedTuple):
     lower: Floats
     upper_offset: Floats
     lower_offset: Floats
+    share: Floats
 
 
 def edge_likelihoods(
@@ -304,30 +246,28 @@ def edge_likelihoods(
     found = 1.0 - numbers.miss
     # noise displaces a wide edge by more, in the reference as here
     shake = DISPLACED * target.noise / np.maximum(np.abs(target.contrast), 1e-9)
-    own = shake**2 * (target.half**2 + view.half**2)
-    variance = numbers.floor**2 + own + ((target.rows @ P) * target.rows).sum(axis=1)
+    variance = numbers.floor**2 + shake**2 * (target.half**2 + view.half**2)
+    variance = variance + ((target.rows @ P) * target.rows).sum(axis=1)
     two = np.abs(low) + np.sqrt(low_variance) > 0.05
-    A, there = _object_edge_likelihood(target, view, numbers), view.there()
+    own = _own_edge_ratio(target, view, numbers)
+    sides = np.where(two, numbers.sides, 0.0)[:, None]
     off = view.offset - shift[:, None]
-    upper = np.where(
-        there, _gaussian_density(off, variance[:, None]) * np.where(two, 1.0 - numbers.sides, 1.0)[:, None] * A, 0.0
+    seen = np.nan_to_num(
+        np.stack(
+            [
+                (1.0 - sides) * own * _gaussian_density(off, variance[:, None]),
+                sides * own * _gaussian_density(off - low[:, None], (variance + low_variance)[:, None]),
+            ],
+            axis=2,
+        )
     )
-    lower = np.where(
-        there, numbers.sides * _gaussian_density(off - low[:, None], (variance + low_variance)[:, None]) * A, 0.0
-    )
-    lower = np.where(two[:, None], lower, 0.0)
-    up, down = upper.sum(axis=1), lower.sum(axis=1)
-    anywhere = (A / (2 * view.reach + 1)).sum(axis=1)
-    object_ = numbers.miss + found * (up + down)
-    inside = view.inside
-    return EdgeLikelihoods(
-        np.where(inside, object_, 1.0),
-        np.where(inside, numbers.miss + found * anywhere, 1.0),
-        np.where(inside, found * up / object_, 0.0),
-        np.where(inside, found * down / object_, 0.0),
-        np.where(up > 0, (upper * view.offset).sum(axis=1) / up, 0.0),
-        np.where(down > 0, (lower * view.offset).sum(axis=1) / down, 0.0),
-    )
+    faces = seen.sum(axis=1)
+    share = np.divide(seen, faces[:, None], out=np.zeros_like(seen), where=faces[:, None] > 0)
+    upper_offset, lower_offset = (share * np.nan_to_num(view.offset)[:, :, None]).sum(axis=1).T
+    object_ = np.where(view.inside, numbers.miss + found * faces.sum(axis=1), 1.0)
+    other = np.where(view.inside, numbers.miss + found * np.nansum(own, axis=1) / (2 * view.reach + 1), 1.0)
+    upper, lower = found * faces.T / object_
+    return EdgeLikelihoods(object_, other, upper, lower, upper_offset, lower_offset, share)
 
 
 def misplaced_edge_log_ratio(target: Target, view: Candidates, numbers: EdgeNumbers, sigma: float) -> Floats:
@@ -339,20 +279,47 @@ def misplaced_edge_log_ratio(target: Target, view: Candidates, numbers: EdgeNumb
         target, view, numbers: the outline, its candidates, what is believed of them.
         sigma: work px, by which the pose is off.
     """
-    own = _object_edge_likelihood(target, view, numbers)
-    other = numbers.miss + (1.0 - numbers.miss) * own.sum(axis=1) / (2 * view.reach + 1)
-    here = np.where(view.there(), own * _gaussian_density(view.offset, sigma * sigma), 0.0).sum(axis=1)
+    own = _own_edge_ratio(target, view, numbers)
+    other = numbers.miss + (1.0 - numbers.miss) * np.nansum(own, axis=1) / (2 * view.reach + 1)
+    here = np.nansum(own * _gaussian_density(view.offset, sigma * sigma), axis=1)
     return np.where(view.inside, np.log(other / (0.5 + 0.5 * here)), 0.0)
 
 
-def _object_edge_likelihood(target: Target, view: Candidates, numbers: EdgeNumbers) -> Floats:
-    """(n, candidates) likelihood ratio of each being an edge of the object, against clutter; 0 of those that are none."""
+def _own_edge_ratio(target: Target, view: Candidates, numbers: EdgeNumbers) -> Floats:
+    """(n, MOST) likelihood ratio of each candidate being an edge of the object, against clutter; NaN of none."""
     s, sc = numbers.inner_spread, numbers.other_spread
     looks = 1.5 * np.log(sc / s) - 0.75 * view.difference * (1.0 / (s * s) - 1.0 / (sc * sc))
     same = (view.step > 0) == (target.contrast > 0)[:, None]
     sign = np.where(same, numbers.same_sign, 1.0 - numbers.same_sign)
-    return np.where(view.there(), 2.0 * np.exp(np.clip(looks, -8.0, 8.0)) * sign / view.density, 0.0)
+    return np.asarray(2.0 * np.exp(np.clip(looks, -8.0, 8.0)) * sign / view.density)
 
 
 def _gaussian_density(x: Floats, variance: Floats | float) -> Floats:
     return np.asarray(np.exp(-0.5 * x * x / variance) / np.sqrt(2.0 * np.pi * variance))
+
+
+def explain_outline(object_: Floats, other: Floats, power: float, share: Floats, stay: float) -> tuple[Floats, float]:
+    """Explanations of the outline's samples come in stretches: a Markov chain along it, forward and backward.
+
+    Args:
+        object_, other: (n,) likelihood ratios of the object's edge and of another shape against an occluder.
+        power: how much of an independent measurement a sample is.
+        share: (3,) prior shares of the states: the object's edge, an occluder, another shape.
+        stay: probability that a sample's state is simply the one before's; else it is drawn from the shares.
+
+    Returns:
+        (n, 3) probabilities of the states, and the log-likelihood of all samples.
+    """
+    n = len(object_)
+    likelihood = np.column_stack([object_**power, np.ones(n), other**power])
+    step = stay * np.eye(3) + (1.0 - stay) * share
+    forward, backward, log_likelihood, before = np.zeros((n, 3)), np.ones((n, 3)), 0.0, share
+    for i in range(n):
+        a = (before @ step if i else share) * likelihood[i]
+        log_likelihood += float(np.log(a.sum()))
+        forward[i] = before = a / a.sum()
+    for i in reversed(range(n - 1)):
+        b = step @ (likelihood[i + 1] * backward[i + 1])
+        backward[i] = b / b.sum()
+    states = forward * backward
+    return states / states.sum(axis=1, keepdims=True), log_likelihood

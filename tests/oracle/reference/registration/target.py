@@ -4,14 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
 from reference.registration.pyramid import inverse_homography
-
-Singles = NDArray[np.float32]
 
 INNER = 6
 """Grey levels of an edge's inner side that are kept, ..."""
@@ -19,33 +17,26 @@ INNER_FIRST = -7
 """... from so many px inside (negative) outward."""
 
 
-@dataclass(frozen=True)
-class Patches:
+class Patches(NamedTuple):
     """Texture of one look.
 
     Attributes:
         stride: work px between two pixels of a patch.
         places: (m, 2) work px, their middles.
         value: (m, 49) grey levels less their mean.
-        gx, gy: (m, 49) gradients per work px, less what a gain or a bias of the light would change as well.
-        axx, axy, ayy: (m,) sums of the gradients' products.
-        variance: (m,) sums of the squares of `value`.
+        gradients: (m, 2, 49) per work px, less what a gain or a bias of the light would change as well.
+        axes: (2, m, 2) unit, along which the gradients are least and largest.
+        power: (2, m) sums of their squares along these.
         rows: (m, 2, 8) derivatives of the shift that each tells by the pose's error: by the places of all its pixels.
     """
 
     stride: float
     places: Floats
-    value: Singles
-    gx: Singles
-    gy: Singles
-    axx: Floats
-    axy: Floats
-    ayy: Floats
-    variance: Floats
+    value: Floats
+    gradients: Floats
+    axes: Floats
+    power: Floats
     rows: Floats
-
-    def __len__(self) -> int:
-        return len(self.places)
 
 
 def bent(bend: Floats, J: Floats) -> Floats:
