@@ -298,7 +298,7 @@ def strongest_edges(
     Raises:
         ValueError: a length, the reach or `half` is none.
     """
-    n = len(points)
+    n, A = len(points), np.reshape(A, (3, 3))
     if not len(levels):
         raise ValueError("a pyramid has at least one level")
     if np.shape(normals) != (n, 2):
