@@ -6,11 +6,14 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from grasptrack_bench.metrics.score import FrameScore
+from grasptrack_bench.schedule import Outcome
 from scores import random_run
 
 
@@ -62,3 +65,12 @@ def scored(task: tuple[int, str]) -> dict[str, list[FrameScore]]:
     if seed == 3:
         raise ValueError("no grasp here")
     return {"auto": random_run(np.random.default_rng(seed), 20)}
+
+
+def in_this_process(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[Outcome]:
+    """A `Scheduler` that starts no process, for what is not about processes."""
+    for index, task in enumerate(tasks):
+        try:
+            yield Outcome(index, function(task), "")
+        except ValueError as error:
+            yield Outcome(index, None, f"{type(error).__name__}: {error}")

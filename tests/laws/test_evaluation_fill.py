@@ -13,7 +13,7 @@ import scheduled
 from grasptrack.errors import InputError
 from grasptrack_bench import run_folder as module
 from grasptrack_bench.run_folder import Filled, Job, case_file, fill_run_folder
-from grasptrack_bench.schedule import create_scheduler
+from grasptrack_bench.schedule import Scheduler, create_scheduler
 
 
 def jobs(folder: Path, count: int = 6) -> list[Job]:
@@ -26,7 +26,14 @@ def asked(folder: Path) -> list[int]:
     return sorted(int(path.name.split("-")[1]) for path in (folder / "marks").iterdir())
 
 
-def run(folder: Path, *, stop_after: int | None = None, last: Path | None = None, **options: Any) -> Filled:
+def run(
+    folder: Path,
+    *,
+    stop_after: int | None = None,
+    last: Path | None = None,
+    schedule: Scheduler = scheduled.in_this_process,
+    **options: Any,
+) -> Filled:
     done_before: list[int] = []
 
     def tell(step: str, done: int, total: int) -> None:
@@ -39,7 +46,7 @@ def run(folder: Path, *, stop_after: int | None = None, last: Path | None = None
         "scenes",
         jobs(folder),
         scheduled.scored,
-        create_scheduler(workers=1),
+        schedule,
         options=options,
         last=last,
         progress=tell,
@@ -48,12 +55,12 @@ def run(folder: Path, *, stop_after: int | None = None, last: Path | None = None
 
 def test_an_interrupted_run_goes_on_without_repeating_what_is_done(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path, stop_after=2, seed=1)
+        run(tmp_path, stop_after=2, schedule=create_scheduler(workers=1), seed=1)
     index = json.loads((tmp_path / "out" / "evaluation.json").read_text())
     assert index["ended"] == "interrupted"
     kept = {path.name: path.read_bytes() for path in (tmp_path / "out" / "cases").iterdir()}
     assert len(kept) == 2
-    filled = run(tmp_path, seed=1)
+    filled = run(tmp_path, schedule=create_scheduler(workers=1), seed=1)
     assert (filled.resumed, filled.done) == (2, 3)
     assert filled.failed == {"part3.noise": "ValueError: no grasp here"}
     assert all((tmp_path / "out" / "cases" / name).read_bytes() == content for name, content in kept.items())
