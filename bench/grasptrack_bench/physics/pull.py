@@ -27,7 +27,7 @@ ROOM = 0.003
 BACK = 0.04
 """m by which the hand goes back before it looks again."""
 BORDER = 8.0
-"""px between the part and the border of the view there, at least."""
+"""px between the part and the border of a view that shows it whole, at least."""
 ON_THE_WAY = (0.15, 0.3, 0.45, 0.6, 0.8)
 """Shares of the way at which the part must not run into fingers that are down already."""
 FINE, HALF = 5e-4, 0.16
@@ -101,7 +101,7 @@ def choose_pull(
         empty.append(pull)
         if low and any((_drawn(part, pull.moved(place, share), at) & in_the_way).any() for share in ON_THE_WAY):
             continue
-        if _is_seen_whole(part, there, seen_from @ mount, camera):
+        if whole_outline(part, there, seen_from @ mount, camera) is not None:
             return pull
     return (empty or [pulls[-1]])[0]
 
@@ -138,7 +138,9 @@ def _pixels(points: Floats) -> Any:
     return np.rint((points + HALF) / FINE).astype(np.int32)
 
 
-def _is_seen_whole(part: Body, place: Floats, camera_pose: Floats, camera: Camera) -> bool:
+def whole_outline(part: Body, place: Floats, camera_pose: Floats, camera: Camera) -> Floats | None:
+    """(N, 2) px of the part's outline at a place (4, 4); None where not all of it is in view, within `BORDER`."""
     H = frames.plane_to_image(camera.matrix, camera_pose, place, part.thickness)
     seen = apply_homography(H, part.shape.outer)
-    return bool(((seen >= BORDER) & (seen <= np.array([camera.width, camera.height]) - 1.0 - BORDER)).all())
+    inside = (seen >= BORDER) & (seen <= np.array([camera.width, camera.height]) - 1.0 - BORDER)
+    return seen if inside.all() else None

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
-from grasptrack.geometry.homographies import apply_homography, rotation_about_z
+from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.typing import Floats
 from grasptrack_bench.physics import frames
 from grasptrack_bench.physics.gripper import MAX_OPENING, Gripper
 from grasptrack_bench.physics.part import Body, extrude_body
-from grasptrack_bench.physics.pull import Pull, sample_pulls
+from grasptrack_bench.physics.pull import Pull, sample_pulls, whole_outline
 from grasptrack_bench.simulation.camera import Camera
 from grasptrack_bench.simulation.outlines import Shape
 
@@ -40,8 +40,6 @@ TURN, TILT = math.radians(45.0), math.radians(25.0)
 BELT = (0.2, 0.5)
 """Speed of a belt in widths of the view at the start, a second."""
 BLACKOUT_S = 0.5
-MARGIN = 8.0
-"""px between the part and the border of the first view, at least."""
 
 
 @dataclass(frozen=True)
@@ -181,10 +179,8 @@ def _is_fully_visible(
     part: Body, place: Floats, camera_pose: Floats, camera: Camera, blocked: NDArray[np.uint8]
 ) -> bool:
     """Whether the part's outline is seen whole and beside the hand."""
-    H = frames.plane_to_image(camera.matrix, camera_pose, place, part.thickness)
-    seen = apply_homography(H, part.shape.outer)
-    inside = (seen >= MARGIN) & (seen <= np.array([camera.width, camera.height]) - 1.0 - MARGIN)
-    if not inside.all():
+    seen = whole_outline(part, place, camera_pose, camera)
+    if seen is None:
         return False
     drawn = np.zeros_like(blocked)
     cv2.fillPoly(drawn, [np.rint(seen).astype(np.int32)], 255)

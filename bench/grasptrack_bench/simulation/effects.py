@@ -12,7 +12,7 @@ import numpy as np
 from grasptrack_bench.simulation.camera import Camera
 from grasptrack_bench.simulation.conditions import Glare, Shadow
 from grasptrack_bench.simulation.lookalikes import best_fit, mirrored_shape, near_twin
-from grasptrack_bench.simulation.occluders import bar_over, hand_over, irregular_over, parallel_bar
+from grasptrack_bench.simulation.occluders import Laid, bar_over, hand_over, irregular_over, parallel_bar
 from grasptrack_bench.simulation.outlines import Shape
 from grasptrack_bench.simulation.paths import (
     Path,
@@ -118,19 +118,18 @@ def moving_belt(s: Setting) -> Parts:
 def leave_image(s: Setting) -> Parts:
     """Out of the image, above or below, and back."""
     side = float(s.rng.choice([-0.5, 0.5]) * math.pi + s.rng.uniform(-0.35, 0.35))
-    path, camera = s.course(speed=2.5, reach=0.25), Camera(s.width, s.height)
-    out, there, back, home = s.at(0.1, 0.42, 0.58, 0.9)
-    return {"path": drift_out_of_view(s.shape, path, camera, direction=side, share=1.0, times=(out, there, back, home))}
+    return _drift_away(s, side, 1.0, (0.1, 0.42, 0.58, 0.9))
 
 
 def clip_at_border(s: Setting) -> Parts:
     """Partly out of the image, to any side, and back."""
     side, share = float(s.rng.uniform(0.0, 2.0 * math.pi)), float(s.rng.uniform(0.25, 0.4))
-    path, camera = s.course(speed=2.5, reach=0.25), Camera(s.width, s.height)
-    out, there, back, home = s.at(0.12, 0.42, 0.65, 0.92)
-    return {
-        "path": drift_out_of_view(s.shape, path, camera, direction=side, share=share, times=(out, there, back, home))
-    }
+    return _drift_away(s, side, share, (0.12, 0.42, 0.65, 0.92))
+
+
+def _drift_away(s: Setting, side: float, share: float, times: tuple[float, ...]) -> Parts:
+    path, camera, at = s.course(speed=2.5, reach=0.25), Camera(s.width, s.height), _as_four_times(s.at(*times))
+    return {"path": drift_out_of_view(s.shape, path, camera, direction=side, share=share, times=at)}
 
 
 def static_camera(s: Setting) -> Parts:
@@ -224,16 +223,14 @@ def jpeg_compression(s: Setting) -> Parts:
 def bar_occlusion(s: Setting) -> Parts:
     """A bar sweeps across."""
     path = s.course()
-    level = float(s.rng.uniform(30.0, 210.0))
-    bar = bar_over(
-        s.shape,
-        _as_four_times(s.at(0.15, 0.5, 0.5, 0.85)),
-        share=0.3,
-        angle=float(s.rng.uniform(0.0, 2.0 * math.pi)),
-        view=s.view(path),
-        colour=(level * 0.97, level, level * 1.01),
-    )
-    return {"path": path, "covers": (bar,)}
+    return {"path": path, "covers": (_sweeping_bar(s, path, s.at(0.15, 0.5, 0.5, 0.85), 0.3),)}
+
+
+def _sweeping_bar(s: Setting, path: Path, times: tuple[float, ...], share: float) -> Laid:
+    """A grey bar from any side that hides at most a share of the outline."""
+    level, angle = (float(v) for v in (s.rng.uniform(30.0, 210.0), s.rng.uniform(0.0, 2.0 * math.pi)))
+    colour = (level * 0.97, level, level * 1.01)
+    return bar_over(s.shape, _as_four_times(times), share=share, angle=angle, view=s.view(path), colour=colour)
 
 
 def hand_occlusion(s: Setting) -> Parts:
@@ -294,16 +291,8 @@ def part_exchange(s: Setting) -> Parts:
 def exchange_hidden(s: Setting) -> Parts:
     """The same, brought while a bar hid both, and left there."""
     swapped, path = part_exchange(s), s.course()
-    before, over, on, gone = _as_four_times(s.at(0.2, 0.4, 0.5, 0.7))
-    level = float(s.rng.uniform(30.0, 210.0))
-    bar = bar_over(
-        s.shape,
-        (before, over, on, gone),
-        share=1.0,
-        angle=float(s.rng.uniform(0.0, 2.0 * math.pi)),
-        view=s.view(path),
-        colour=(level * 0.97, level, level * 1.01),
-    )
+    before, over, on, gone = s.at(0.2, 0.4, 0.5, 0.7)
+    bar = _sweeping_bar(s, path, (before, over, on, gone), 1.0)
     guests = tuple(replace(guest, start=round(0.5 * (over + on)), end=s.frames) for guest in swapped["guests"])
     return {"path": path, "guests": guests, "covers": (bar,)}
 
@@ -330,21 +319,22 @@ def lens_distortion(s: Setting) -> Parts:
 
 def thick_part(s: Setting) -> Parts:
     """Sides darker or lighter than the upper face."""
-    thickness = float(s.rng.uniform(0.02, 0.15))
-    path = s.course(tilt=math.radians(25.0))
-    return {"path": path, "thickness": thickness, "shade": float(s.rng.choice([0.55, 0.7, 1.2]))}
+    return _thick(s, s.course(tilt=math.radians(25.0)), 0.15)
 
 
 def thick_6(s: Setting) -> Parts:
     """As most flat parts are."""
-    thickness, path = float(s.rng.uniform(0.02, 0.06)), s.course(tilt=math.radians(20.0))
-    return {"path": path, "thickness": thickness, "shade": float(s.rng.choice([0.55, 0.7, 1.2]))}
+    return _thick(s, s.course(tilt=math.radians(20.0)), 0.06)
 
 
 def oblique_start(s: Setting) -> Parts:
     """As thick, its sides on view in the first image; the camera comes over it."""
-    thickness = float(s.rng.uniform(0.02, 0.1))
     path = from_aside(s.shape, s.course(tilt=0.0), Camera(s.width, s.height), lean=math.radians(25.0), seed=s.seed)
+    return _thick(s, path, 0.1)
+
+
+def _thick(s: Setting, path: Path, most: float) -> Parts:
+    thickness = float(s.rng.uniform(0.02, most))
     return {"path": path, "thickness": thickness, "shade": float(s.rng.choice([0.55, 0.7, 1.2]))}
 
 
