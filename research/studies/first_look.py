@@ -19,12 +19,13 @@ import numpy as np
 
 from grasptrack.errors import ObservationError
 from grasptrack.first_image import FirstImage
+from grasptrack.nets.salient import SalientNet
+from grasptrack.segmentation.candidate import distinct_candidates
 from grasptrack.segmentation.candidate_search import CandidateSearch
 from grasptrack.segmentation.choice import Signs, tie_factor
-from grasptrack.segmentation.first_look import distinct_candidates, first_look
+from grasptrack.segmentation.first_look import first_look
 from grasptrack.segmentation.proposals import GIVEN, THRESHOLD
-from grasptrack.segmentation.regions import Region, Segmenter
-from grasptrack.segmentation.segmenters import SalientNet, segmenter_for
+from grasptrack.segmentation.segmenters import Region, Segmenter, segmenter_for
 from grasptrack.typing import Bools, Floats, Pixels
 from grasptrack_bench.metrics.mask_agreement import (
     ENOUGH_F,

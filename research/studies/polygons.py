@@ -17,8 +17,7 @@ import cv2
 import numpy as np
 
 from grasptrack.first_image import FirstImage
-from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
-from grasptrack.segmentation.normalized_gradient import lab_planes
+from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter, lab_planes
 from grasptrack.segmentation.segmenters import segmenter_for
 from grasptrack.segmentation.snapping import OutlineSnapper, SnapNumbers, snap_numbers
 from grasptrack.typing import Bools, Floats

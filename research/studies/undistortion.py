@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.segmentation.undistortion import Undistortion
+from grasptrack.undistortion import Undistortion
 from grasptrack_bench.method import Start, score_sequence
 from grasptrack_bench.metrics.score import FrameScore
 from grasptrack_bench.scenes import Part, SceneCase, show_scene

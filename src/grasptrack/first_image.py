@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from grasptrack.errors import InputError
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.images import Grey, to_bgr, to_mask, with_room
 from grasptrack.typing import Box, Floats, Point
+from grasptrack.undistortion import Undistortion
 
 DEFAULT_SURE = 0.9
 """Probability from which the choice of an object is called sure."""
@@ -25,28 +26,6 @@ FIRST_IMAGE_CHECKS = dict.fromkeys(
     arguments.optional(arguments.array(unbounded=True)),
 )
 """Types of what a person may say, by the names that public functions give it; `FirstImage` checks the values."""
-
-
-class Lens(Protocol):
-    """Takes points, masks and images of a camera to the image without its lens's distortion; see `Undistortion`."""
-
-    size: tuple[int, int]
-
-    def points(self, seen: ArrayLike) -> Floats:
-        """Points (k, 2) px."""
-        ...
-
-    def box(self, box: Box) -> Box:
-        """The box round a box."""
-        ...
-
-    def image(self, image: NDArray[Any]) -> NDArray[np.uint8]:
-        """An image."""
-        ...
-
-    def ignored(self, mask: NDArray[Any] | None) -> NDArray[Any] | None:
-        """The user's mask of pixels to ignore, and what lies outside the camera's image."""
-        ...
 
 
 @compared_by_value
@@ -175,7 +154,7 @@ class FirstImage:
             return replace(self.of_no_object(), object_at=(*self.object_at, at), not_at=self.not_at)
         return replace(self, not_at=(*self.not_at, at), number=None, grasp=None)
 
-    def straight(self, lens: Lens) -> FirstImage:
+    def straight(self, lens: Undistortion) -> FirstImage:
         """The same of the image without its lens's distortion.
 
         Raises:

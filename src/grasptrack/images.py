@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Converts any image that users have to the grey image that everything else works on."""
+"""Any image or mask that users have, checked once and as everything else works on it: 8 bit, grey or in colours."""
 
 from __future__ import annotations
 
@@ -23,11 +23,7 @@ def to_grey(image: NDArray[Any]) -> Grey:
     Raises:
         SourceError: another type or shape, or a side under 32 px.
     """
-    array = _check_image(image)
-    if array.ndim == 3:
-        code = cv2.COLOR_BGR2GRAY if array.shape[2] == 3 else cv2.COLOR_BGRA2GRAY
-        return np.ascontiguousarray(cv2.cvtColor(np.ascontiguousarray(array), code), dtype=np.uint8)
-    return np.ascontiguousarray(array)
+    return PLAIN.grey(to_bgr(image))
 
 
 def to_bgr(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -49,24 +45,15 @@ class Channel(NamedTuple):
 
     weights: tuple[float, float, float] | None = None
 
-    def look(self, image: NDArray[Any]) -> tuple[NDArray[np.uint8], Grey]:
-        """The image as `to_bgr` gives it, and (H, W) in this mixture; plain grey if it has no colours.
-
-        Raises:
-            SourceError: as `to_grey`.
-        """
-        colours = to_bgr(image)
+    def grey(self, colours: NDArray[np.uint8]) -> Grey:
+        """(H, W) an image as `to_bgr` gives it in this mixture; plain grey if it has no colours."""
         if colours.ndim == 2:
-            return colours, colours
+            return colours
         if self.weights is None:
-            return colours, np.asarray(cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+            return np.asarray(cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
         below = sum(min(w, 0.0) for w in self.weights)
         mix = np.array([[*self.weights, -255.0 * below]], np.float32)
-        return colours, np.asarray(cv2.transform(colours, mix), dtype=np.uint8)
-
-    def grey(self, image: NDArray[Any]) -> Grey:
-        """The grey image of `look` alone."""
-        return self.look(image)[1]
+        return np.asarray(cv2.transform(colours, mix), dtype=np.uint8)
 
 
 PLAIN = Channel()

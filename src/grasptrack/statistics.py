@@ -6,10 +6,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 
-from grasptrack.typing import Floats
+from grasptrack.typing import Floats, Floats32
 
 MAD_TO_SD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
@@ -21,7 +22,7 @@ EXACT_UP_TO = 1000
 """Tosses up to which the probability is summed; beyond, the normal distribution serves."""
 
 
-def robust_sd(deviations: Floats, median: Callable[[Floats], float | np.floating] = np.median) -> float:
+def robust_sd(deviations: Floats | Floats32, median: Callable[[Any], float | np.floating] = np.median) -> float:
     """Standard deviation by the median of the absolute deviations, which outliers hardly touch.
 
     Args:

@@ -2,12 +2,14 @@
 """Outlines and motions that tests draw at random."""
 
 import math
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 
-from grasptrack.geometry.contours import Contour
+from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import similarity_transform
+from grasptrack.segmentation.first_look import first_look
 
 
 def dense(vertices, count=300):
@@ -78,3 +80,8 @@ def turned(contour: Contour, start: int, reverse: bool) -> Contour:
     """The same curve from another first point, or the other way round."""
     points = np.roll(contour.points, -start, axis=0)
     return Contour(points[::-1] if reverse else points, hole=contour.hole)
+
+
+def segment_object(image: np.ndarray, object_at: tuple[float, float] | None = None, **said: Any) -> View:
+    """The outline of the likeliest object."""
+    return first_look(image, object_at, **said)[0].view

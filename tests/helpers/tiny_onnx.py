@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
+
+from grasptrack.nets import models
 
 Dimensions = Sequence[int | str]
 KINDS = {np.dtype(np.float32): 1, np.dtype(np.int64): 7}
@@ -217,3 +220,9 @@ def write_pair(folder: Path, form: str) -> tuple[Path, Path]:
     write_encoder(encoder, form)
     write_decoder(decoder, "sam" if form == "fixed" else form)
     return encoder, decoder
+
+
+def register_models(monkeypatch: pytest.MonkeyPatch, made: Sequence[models.NetModel]) -> None:
+    """Models that are listed and found by their names, in the place of those that are."""
+    monkeypatch.setattr(models, "MODELS", tuple(made))
+    monkeypatch.setattr("grasptrack.segmentation.segmenters.load_plugin", lambda _, name: models.model_named(name))

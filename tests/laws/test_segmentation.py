@@ -8,10 +8,11 @@ import pytest
 
 from grasptrack.errors import ObservationError
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.segmentation.candidate_search import MIN_EXTENT
-from grasptrack.segmentation.first_look import find_candidates, segment_object
-from grasptrack.segmentation.thresholds import candidate_thresholds, otsu_threshold
+from grasptrack.segmentation.first_look import find_candidates
+from grasptrack.segmentation.proposals import MIN_EXTENT
+from grasptrack.segmentation.silhouettes import candidate_thresholds, otsu_threshold
 from grasptrack_bench.simulation import SHAPES, brushed_texture, plain_texture
+from outlines import segment_object
 from stages import EVEN, HEIGHT, WIDTH, photo, pose
 
 BRACKET, GASKET, PLATE, DISC = (SHAPES[n]() for n in ("bracket", "gasket", "notched-plate", "disc"))

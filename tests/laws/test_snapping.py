@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
-from grasptrack.segmentation.normalized_gradient import lab_planes
+from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter, lab_planes
 from grasptrack.segmentation.quadrangles import find_quadrangles, join_segments
 from grasptrack.segmentation.snapping import OutlineSnapper, SnapNumbers, _smoothest_paths
 

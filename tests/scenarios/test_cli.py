@@ -295,7 +295,7 @@ def test_a_signal_that_c_code_makes_another_error_of_is_an_interruption(
             raise ImportError("initialization failed") from None
         return ""
 
-    monkeypatch.setattr("grasptrack.segmentation.models.models_folder", load)
+    monkeypatch.setattr("grasptrack.nets.models.models_folder", load)
     assert main(["models"]) == 130
     assert capsys.readouterr().err == "grasptrack: interrupted\n"
 

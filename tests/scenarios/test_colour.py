@@ -11,7 +11,7 @@ import pytest
 
 from grasptrack.geometry.contours import Contour
 from grasptrack.images import PLAIN
-from grasptrack.segmentation.color_projection import best_color_projection
+from grasptrack.segmentation.candidate import best_color_projection
 from grasptrack_bench.simulation import SHAPES, Shape, Texture
 from stages import HEIGHT, WIDTH, Colour, Run, bar, mirrored, photo, pose, twin
 

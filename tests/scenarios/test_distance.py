@@ -21,13 +21,13 @@ from grasptrack.errors import InputError
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.hand import parse_measure
-from grasptrack.segmentation.undistortion import Undistortion
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Plane, Ruler, outline_extent
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target
+from grasptrack.undistortion import Undistortion
 from test_plane import FOCAL, HEIGHT, WIDTH, Followed, camera, plane_of, rendered, slopes, turned
 
 BOX = np.array([[-3.0, -1.0], [3.0, -1.0], [3.0, 1.0], [-3.0, 1.0]])

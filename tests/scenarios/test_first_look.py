@@ -15,14 +15,19 @@ from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.images import PLAIN, Channel, to_grey
-from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter, enclosed_silhouettes, link_edges
-from grasptrack.segmentation.color_projection import best_color_projection
-from grasptrack.segmentation.first_look import find_candidates, find_objects, segment_object
-from grasptrack.segmentation.normalized_gradient import NormalizedGradient, lab_planes
-from grasptrack.segmentation.rating import SilhouetteScorer
+from grasptrack.segmentation.candidate import best_color_projection
+from grasptrack.segmentation.closed_edges import (
+    ClosedEdgeSegmenter,
+    NormalizedGradient,
+    enclosed_silhouettes,
+    lab_planes,
+    link_edges,
+)
+from grasptrack.segmentation.first_look import find_candidates, find_objects
+from grasptrack.segmentation.proposals import SilhouetteScorer
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack_bench.simulation import SHAPES
-from outlines import dense
+from outlines import dense, segment_object
 from stages import HEIGHT, WIDTH, Run, photo, pose
 from test_segmentation import distances
 
@@ -112,10 +117,10 @@ def test_grain_is_the_unit_of_strength(gain: float, seed: int) -> None:
     noise = rng.standard_normal((120, 160)) * 6.0
     field = NormalizedGradient(lab_planes(np.clip(128 + gain * noise, 0, 255).astype(np.uint8)), 1.0)
     assert np.median(field.strength) < 1.0
-    assert field.thin(6.0).sum() == 0
+    assert field.thin_edges(6.0).sum() == 0
     shown = np.clip(128 + gain * noise, 0, 255)
     shown[:, 80:] += 90.0
-    edges = NormalizedGradient(lab_planes(np.clip(shown, 0, 255).astype(np.uint8)), 1.0).thin(4.0)
+    edges = NormalizedGradient(lab_planes(np.clip(shown, 0, 255).astype(np.uint8)), 1.0).thin_edges(4.0)
     assert ((edges[10:-10] > 0).sum(axis=1) >= 1).mean() > 0.9
     assert np.abs(np.nonzero(edges[10:-10])[1] - 79.5).max() <= 4
 

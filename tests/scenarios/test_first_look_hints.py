@@ -20,12 +20,12 @@ import grasptrack as gt
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError, ObservationError
 from grasptrack.first_image import FirstImage
-from grasptrack.segmentation import models
+from grasptrack.nets import models
+from grasptrack.nets.salient import SalientNet
+from grasptrack.segmentation.candidate import distinct_candidates
 from grasptrack.segmentation.choice import Signs, choice_probabilities, load_numbers
-from grasptrack.segmentation.first_look import distinct_candidates
-from grasptrack.segmentation.regions import Region
-from grasptrack.segmentation.segmenters import SalientNet
-from tiny_onnx import write_brightness_net
+from grasptrack.segmentation.segmenters import Region
+from tiny_onnx import register_models, write_brightness_net
 
 PLATE = np.array([[200, 150], [450, 170], [440, 240], [310, 250], [290, 340], [190, 320]])
 
@@ -232,7 +232,7 @@ def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         url = f"http://127.0.0.1:{server.server_port}/"
         made = [
-            models.Model(
+            models.NetModel(
                 name, "brightness", "Apache-2.0", (models.ModelFile(0.001, url + file, f"sha256:{hashed}"),), 64
             )
             for name, file, hashed in (
@@ -241,7 +241,7 @@ def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
                 ("gone", "gone.onnx", right),
             )
         ]
-        monkeypatch.setattr(models, "MODELS", tuple(made))
+        register_models(monkeypatch, made)
         monkeypatch.setenv("GRASPTRACK_MODELS", str(tmp_path / "models"))
         yield url
         server.shutdown()

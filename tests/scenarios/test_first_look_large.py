@@ -13,7 +13,7 @@ import grasptrack as gt
 from benches import grained, laid, overlap, photographed
 from grasptrack.cli.main import main
 from grasptrack.errors import ObservationError
-from grasptrack.segmentation.first_look import describe_candidate
+from grasptrack.segmentation.candidate import describe_candidate
 
 WHOLE = {
     "70 %": np.array([[60.0, 40], [590, 30], [580, 440], [50, 450]]),

@@ -14,9 +14,9 @@ import grasptrack as gt
 from benches import PLATE, grained, laid, overlap, photographed
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
-from grasptrack.segmentation.closed_edges import RECIPES, ClosedEdgeSegmenter
-from grasptrack.segmentation.normalized_gradient import lab_planes
-from grasptrack.segmentation.work import Work
+from grasptrack.first_image import FirstImage
+from grasptrack.segmentation.closed_edges import RECIPES
+from grasptrack.segmentation.proposals import Scene, propose_closed_edges
 
 IMAGE = photographed(laid(laid(grained(2), PLATE, (60.0, 70.0, 200.0)), PLATE * 0.4 + 20, (230.0, 70.0, 60.0)), 3)
 
@@ -40,13 +40,12 @@ def test_the_same_bound_finds_the_same(ms: float) -> None:
 @settings(max_examples=20, deadline=None)
 @given(st.floats(0.0, 200.0), st.floats(0.0, 200.0))
 def test_closings_are_cut_short_at_the_end_and_never_beyond_the_bound(one: float, other: float) -> None:
-    edges = ClosedEdgeSegmenter(lab_planes(IMAGE))
     few, many = sorted((one, other))
     found = []
     for ms in (few, many):
-        work = Work(ms)
-        found.append([(c.recipe, c.silhouette.box) for c in edges.closures(150.0, 20.0, work)])
-        assert work.spent_ms <= ms or not found[-1] or work.spent_ms < 1.2 * ms
+        scene = Scene(IMAGE, FirstImage(first_look_ms=ms))
+        found.append([(p.recipe, p.silhouette.box) for p in propose_closed_edges(scene)])
+        assert scene.work.spent_ms <= ms or not found[-1] or scene.work.spent_ms < 1.2 * ms
     assert found[1][: len(found[0])] == found[0]
     assert {r for r, _ in found[0]} <= set(range(len(RECIPES)))
 

@@ -17,12 +17,12 @@ import grasptrack as gt
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
 from grasptrack.first_image import FirstImage
-from grasptrack.segmentation import models
+from grasptrack.nets import models
+from grasptrack.nets.promptable import PromptableNet
 from grasptrack.segmentation.candidate_search import CandidateSearch
 from grasptrack.segmentation.choice import load_numbers, measure_worth
-from grasptrack.segmentation.promptable import PromptableNet
-from grasptrack.segmentation.regions import Region
-from tiny_onnx import SCORES, write_decoder, write_encoder, write_pair
+from grasptrack.segmentation.segmenters import Region
+from tiny_onnx import SCORES, register_models, write_decoder, write_encoder, write_pair
 
 pytest.importorskip("onnxruntime", reason="the extra `segment` is not installed")
 
@@ -284,11 +284,10 @@ def test_a_pair_is_fetched_checked_and_run_by_its_name(
     ]
     wrong = files[1]._replace(digest="sha256:" + 64 * "0")
     made = [
-        models.Model(n, "clicks", "Apache-2.0", (files[0], last), None)
+        models.NetModel(n, "clicks", "Apache-2.0", (files[0], last), None)
         for n, last in (("ours", files[1]), ("bad", wrong))
     ]
-    monkeypatch.setattr(models, "MODELS", tuple(made))
-    monkeypatch.setattr("grasptrack.segmentation.segmenters.MODELS", tuple(made))
+    register_models(monkeypatch, made)
     monkeypatch.setenv("GRASPTRACK_MODELS", str(tmp_path / "kept"))
     with pytest.raises(InputError, match="grasptrack models get ours"):
         gt.first_look(scene(), segmenter="ours")

@@ -13,7 +13,7 @@ import pytest
 import grasptrack as gt
 from benches import PLATE, grained, laid, overlap, photographed
 from grasptrack.cli.main import main
-from grasptrack.segmentation.several_frames import MOST_FRAMES, place_likelihoods
+from grasptrack.segmentation.several_frames import MAX_FRAMES, place_likelihoods
 
 BENCH = laid(grained(1, depth=12.0), PLATE, (75.0, 85.0, 95.0))
 
@@ -25,7 +25,7 @@ def lamp_on(bench: np.ndarray, x: float, y: float) -> np.ndarray:
     return bench + 60.0 * cv2.GaussianBlur(disc, (0, 0), 1.2)[..., None]
 
 
-def filmed(step: float, count: int = MOST_FRAMES + 1, lamp: float = 0.25) -> list[np.ndarray]:
+def filmed(step: float, count: int = MAX_FRAMES + 1, lamp: float = 0.25) -> list[np.ndarray]:
     """Images of a camera that goes on by `step` px; the reflection goes along by a share of that."""
     frames = []
     for k in range(count):
@@ -78,7 +78,7 @@ def test_no_more_is_asked_than_needed() -> None:
     gt.first_look(frames[0], segmenter=lambda seen: seen[..., 1] < 100, more=later())
     assert asked == []
     gt.first_look(frames[0], sure=0.999, more=later())
-    assert asked == list(range(MOST_FRAMES))
+    assert asked == list(range(MAX_FRAMES))
 
 
 def test_images_of_another_size_or_without_objects_tell_nothing() -> None:
@@ -101,7 +101,7 @@ def test_the_farther_the_camera_moved_the_more_a_place_tells() -> None:
 
 @pytest.mark.slow
 def test_the_tracker_and_the_command_line_ask_them_too(tmp_path: Path) -> None:
-    frames = filmed(1.0, 4 * MOST_FRAMES + 1)
+    frames = filmed(1.0, 4 * MAX_FRAMES + 1)
     tracker = gt.GraspTracker(more=frames[4::4])
     first = tracker.update(frames[0])
     assert first.frame == 0 and first.view is not None and shows_plate(first.view)

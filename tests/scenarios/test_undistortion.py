@@ -20,11 +20,11 @@ from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.images import to_bgr
-from grasptrack.segmentation.undistortion import MOST, Undistortion
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
+from grasptrack.undistortion import MOST, Undistortion
 from grasptrack_bench.method import chosen_grasp
 from grasptrack_bench.simulation import DISTURBANCES, SHAPES, SceneFrame
 

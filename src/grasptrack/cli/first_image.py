@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from grasptrack.io.base import Frame
     from grasptrack.live.settings import Settings
     from grasptrack.segmentation.candidate import Candidate
-    from grasptrack.segmentation.undistortion import Undistortion
     from grasptrack.typing import Box, Floats, Pixels, Point
+    from grasptrack.undistortion import Undistortion
 
 Sure = Annotated[
     float, option(OBJECT, "P", "Probability from which the choice of the object is called sure.", "--sure")
@@ -331,7 +331,7 @@ def only_image(name: str, taken: str) -> Frame:
 
 def straighten(picture: Pixels, said: FirstImage, calibration: Camera | None, mask: Pixels | None = None) -> Scene:
     """An image and what was said of it, without the lens's distortion where the camera is known."""
-    from grasptrack.segmentation.undistortion import Undistortion
+    from grasptrack.undistortion import Undistortion
 
     if calibration is None:
         return Scene(picture, picture, said, mask, None, [])
@@ -348,7 +348,8 @@ def find_outlines(scene: Scene, segmenter: str | None = None) -> tuple[list[View
         ObservationError: no object, or none where it should be.
         InputError: a mask of another size, no such segmenter, or fewer candidates than the number that was taken.
     """
-    from grasptrack.segmentation.first_look import distinct_candidates, find_objects, look_for
+    from grasptrack.segmentation.candidate import distinct_candidates
+    from grasptrack.segmentation.first_look import find_objects, look_for
     from grasptrack.segmentation.segmenters import segmenter_for
 
     regions, said = segmenter_for(segmenter), scene.said

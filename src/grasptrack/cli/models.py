@@ -29,7 +29,7 @@ def _list_models(context: typer.Context) -> None:
     """
     if context.invoked_subcommand is not None:
         return
-    from grasptrack.segmentation.models import MODELS, is_installed, models_folder
+    from grasptrack.nets.models import MODELS, is_installed, models_folder
 
     typer.echo(f"{'name':10} {'what':22} {'licence':10} {'MB':>6}  here  {'hash':27} from")
     for model in MODELS:
@@ -43,7 +43,7 @@ def _list_models(context: typer.Context) -> None:
 @models.command(cls=help_groups.GroupedCommand, short_help="Download one model.")
 def get(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the model, as u2netp.")]) -> None:
     """Download a model, say where from, and check its hash."""
-    from grasptrack.segmentation.models import MODELS, download_model, model_named
+    from grasptrack.nets.models import MODELS, download_model, model_named
 
     model = model_named(name)
     if model is None:

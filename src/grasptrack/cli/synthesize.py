@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
     from grasptrack.grasp.contacts import RankedGrasp
     from grasptrack.grasp.hand import Hand
-    from grasptrack.segmentation.undistortion import Undistortion
+    from grasptrack.undistortion import Undistortion
     from grasptrack.view.grasps import Planned
 
 _HEADS = (

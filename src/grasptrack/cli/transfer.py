@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grasptrack.geometry.contours import View
-    from grasptrack.segmentation.undistortion import Undistortion
     from grasptrack.tracking.image_pair import Outcome, Pair, Place
+    from grasptrack.undistortion import Undistortion
 
 REFUSED = 3
 """Exit status when every strategy refuses."""

@@ -24,7 +24,7 @@ from grasptrack.live.advisor import Proposal
 from grasptrack.live.curves import CurvePoint
 from grasptrack.live.state import Shown
 from grasptrack.presentation import plain_value
-from grasptrack.segmentation.first_look import describe_candidate
+from grasptrack.segmentation.candidate import describe_candidate
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats

@@ -13,8 +13,7 @@ from grasptrack.geometry.cameras import Camera
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION
 from grasptrack.grasp.hand import Hand
 from grasptrack.io.recorders.again import points_text
-from grasptrack.segmentation.regions import Region, Segmenter
-from grasptrack.segmentation.segmenters import OneMask
+from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter
 from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.tracker import GraspTracker

@@ -2,7 +2,7 @@
 """What an image has that a picture of the empty bench has not: the difference of both, whatever the light.
 
 The picture of the bench is registered to the image and given the image's light, a smooth gain and an offset for each colour,
-fitted to what both share. How large a difference is, is told by the noise of the rest, which is larger at edges of the
+fitted to what both share. How large a difference is shows beside the noise of the rest, which is larger at edges of the
 bench than between them; no level of grey is set beforehand.
 """
 
@@ -13,17 +13,16 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from grasptrack.images import Grey, to_grey
+from grasptrack.images import PLAIN, Grey
 from grasptrack.segmentation.registration import register_affine, warp_affine
-from grasptrack.typing import Floats
-
-Floats32 = NDArray[np.float32]
+from grasptrack.segmentation.silhouettes import to_binary
+from grasptrack.statistics import MAD_TO_SD, robust_sd
+from grasptrack.typing import Bools, Floats, Floats32, Pixels
 
 FIT_SIDE = 160
 """px; light changes so smoothly that it is fitted to images of this longer side."""
-ROUNDS = 12
+FIT_ROUNDS = 12
 """Of the robust fits, each with the weights of the one before."""
 BIWEIGHT = 4.685
 """Standard deviations from which a pixel has no weight in the fit of the light (Tukey's constant)."""
@@ -31,12 +30,20 @@ SLOPE_BINS = 8
 """Classes of pixels, by the slope of the bench there, in each of which the noise is measured."""
 QUANTIZED = math.sqrt(1.0 / 12.0)
 """Grey levels, standard deviation of a pixel whose noise is its rounding alone."""
-TAILS = 5.0
+BRIGHTEST = 255.0
+GAIN_RIDGE, MEAN_GAIN_RIDGE, OFFSET_RIDGE = 1e-6, 1e-9, 1e-2
+"""For each pixel, what keeps the fit of the light determined: of the gain's changes over the image, of the gain, and of the
+offset."""
+MIN_PIXELS = 16
+"""Pixels from which a noise is known."""
+FIRST_SHARE, MIN_CHANGED, MAX_CHANGED = 0.1, 1e-4, 0.9
+"""Share of the image that differs: where the fit begins, and its bounds."""
+MAX_LOG_ODDS = 50.0
+TINY = 1e-3
+DEGREES = 5.0
 """Degrees of freedom of the t distribution of what differs by noise: reflections and dust make more than a Gaussian."""
-SHADOW = 0.25
+MIN_LIGHT = 0.25
 """A shadow leaves at least this share of the light."""
-MAD = 1.4826
-"""Standard deviations of a Gaussian in one median absolute deviation."""
 SOFTENING = 1.5
 """px, Gaussian blur of differences, which shows faint ones: objects are larger than a pixel, noise is not; and of what differs
 pixel by pixel, which shows where it ends."""
@@ -52,13 +59,11 @@ class Relit(NamedTuple):
     """
 
     bench: Floats32
-    shown: NDArray[np.bool_]
+    shown: Bools
     motion: Floats
 
 
-def background_maps(
-    image: NDArray[np.uint8], background: NDArray[np.uint8], hidden: Grey | None = None
-) -> list[Floats32]:
+def background_maps(image: Pixels, background: Pixels, hidden: Grey | None = None) -> list[Floats32]:
     """How likely each pixel is something that the empty bench has not.
 
     Args:
@@ -80,7 +85,7 @@ def background_maps(
         shade = np.clip(
             (seen * relit.bench).sum(axis=2, keepdims=True)
             / np.maximum((relit.bench**2).sum(axis=2, keepdims=True), 1.0),
-            SHADOW,
+            MIN_LIGHT,
             1.0,
         )
         maps.append(_soft_and_sharp((seen - shade * relit.bench) / noise, usable))
@@ -90,15 +95,16 @@ def background_maps(
 def relight(seen: Floats32, empty: Floats32, hidden: Grey | None = None) -> Relit:
     """The picture of an empty bench (H, W, C) moved and lit as an image (H, W, C) shows the same bench."""
     height, width = seen.shape[:2]
-    kept = None if hidden is None else np.where(hidden != 0, np.uint8(0), np.uint8(255))
+    kept = None if hidden is None else to_binary(hidden == 0)
     motion = register_affine(seen.mean(axis=2), empty.mean(axis=2), kept)
     moved = warp_affine(empty, motion, (height, width))
-    inside = warp_affine(np.full((height, width), 255.0, np.float32), motion, (height, width), border=0.0) > 254.0
+    whole = np.full((height, width), BRIGHTEST, np.float32)
+    inside = warp_affine(whole, motion, (height, width), border=0.0) > BRIGHTEST - 1.0
     usable = inside if hidden is None else inside & (hidden == 0)
     shrink = max(1, max(height, width) // FIT_SIDE)
     rows, columns = slice(shrink // 2, None, shrink), slice(shrink // 2, None, shrink)
     blur = 0.5 * shrink
-    soft_seen, soft_empty = (_softened(p, blur) for p in (seen, moved))
+    soft_seen, soft_empty = (_blur_planes(p, blur) for p in (seen, moved))
     chosen = usable[rows, columns].ravel()
     terms = _light_terms(height, width)
     coarse = terms[rows, columns].reshape(-1, terms.shape[2])[chosen]
@@ -107,18 +113,18 @@ def relight(seen: Floats32, empty: Floats32, hidden: Grey | None = None) -> Reli
         x = soft_empty[rows, columns, c].ravel()[chosen]
         y = soft_seen[rows, columns, c].ravel()[chosen]
         gain, offset = _fit_light(coarse, x, y)
-        bench[..., c] = np.clip((terms @ gain) * moved[..., c] + offset, 0.0, 255.0)
+        bench[..., c] = np.clip((terms @ gain) * moved[..., c] + offset, 0.0, BRIGHTEST)
     return Relit(bench, inside, motion)
 
 
-def _same_planes(image: NDArray[np.uint8], background: NDArray[np.uint8]) -> tuple[Floats32, Floats32]:
+def _same_planes(image: Pixels, background: Pixels) -> tuple[Floats32, Floats32]:
     """Both as (H, W, C), grey where one of them is."""
     if image.ndim != background.ndim:
-        image, background = to_grey(image), to_grey(background)
+        image, background = PLAIN.grey(image), PLAIN.grey(background)
     return np.atleast_3d(image).astype(np.float32), np.atleast_3d(background).astype(np.float32)
 
 
-def _softened(planes: Floats32, blur: float) -> Floats32:
+def _blur_planes(planes: Floats32, blur: float) -> Floats32:
     """(H, W, C) blurred by so many px."""
     return np.asarray(np.atleast_3d(cv2.GaussianBlur(planes, (0, 0), blur)), dtype=np.float32)
 
@@ -137,22 +143,21 @@ def _fit_light(terms: Floats32, x: Floats32, y: Floats32) -> tuple[Floats32, flo
     An evenly bright bench does not tell gain from offset: then the offset is none.
     """
     design = np.column_stack([terms * x[:, None], np.ones_like(x)]).astype(np.float64)
-    ridge = np.full(design.shape[1], 1e-6 * len(x) * max(float(np.mean(x)) ** 2, 1.0))
-    ridge[0] = 1e-9 * len(x)
-    ridge[-1] = 1e-2 * len(x)
+    ridge = np.full(design.shape[1], GAIN_RIDGE * len(x) * max(float(np.mean(x)) ** 2, 1.0))
+    ridge[0], ridge[-1] = MEAN_GAIN_RIDGE * len(x), OFFSET_RIDGE * len(x)
     ratio = float(np.median(y / np.maximum(x, 1.0)))
-    told = np.zeros(design.shape[1])
-    told[0] = ratio
-    for _ in range(ROUNDS):
-        rest = y - design @ told
-        scale = max(MAD * float(np.median(np.abs(rest))), QUANTIZED)
+    weights = np.zeros(design.shape[1])
+    weights[0] = ratio
+    for _ in range(FIT_ROUNDS):
+        rest = y - design @ weights
+        scale = max(robust_sd(rest), QUANTIZED)
         weight = np.clip(1.0 - (rest / (BIWEIGHT * scale)) ** 2, 0.0, None) ** 2
         weighted = design * weight[:, None]
-        told = np.linalg.solve(weighted.T @ design + np.diag(ridge), weighted.T @ y.astype(np.float64))
-    return told[:-1].astype(np.float32), float(told[-1])
+        weights = np.linalg.solve(weighted.T @ design + np.diag(ridge), weighted.T @ y.astype(np.float64))
+    return weights[:-1].astype(np.float32), float(weights[-1])
 
 
-def _measure_noise(difference: Floats32, bench: Floats32, usable: NDArray[np.bool_]) -> Floats32:
+def _measure_noise(difference: Floats32, bench: Floats32, usable: Bools) -> Floats32:
     """(H, W, C) standard deviation of a difference by noise, in grey levels: robustly among pixels of like slope."""
     noise = np.empty_like(difference)
     for c in range(difference.shape[2]):
@@ -164,43 +169,43 @@ def _measure_noise(difference: Floats32, bench: Floats32, usable: NDArray[np.boo
         for k in range(len(levels)):
             mine = off[of == k]
             if len(mine):
-                levels[k] = max(MAD * float(np.median(mine)), QUANTIZED)
+                levels[k] = max(robust_sd(mine), QUANTIZED)
         noise[..., c] = levels[np.searchsorted(limits, slope, side="right")]
     return noise
 
 
-def _soft_and_sharp(relative: Floats32, usable: NDArray[np.bool_]) -> Floats32:
+def _soft_and_sharp(relative: Floats32, usable: Bools) -> Floats32:
     """(H, W) probability that a place differs (H, W, C), in its noise: with its neighbours, and by itself."""
-    soft = _softened(relative, SOFTENING)
-    sharp = cv2.GaussianBlur(_differing(relative, usable), (0, 0), SOFTENING)
-    return np.asarray(_differing(soft, usable) * sharp, dtype=np.float32)
+    soft = _blur_planes(relative, SOFTENING)
+    sharp = cv2.GaussianBlur(_change_probability(relative, usable), (0, 0), SOFTENING)
+    return np.asarray(_change_probability(soft, usable) * sharp, dtype=np.float32)
 
 
-def _differing(relative: Floats32, usable: NDArray[np.bool_]) -> Floats32:
+def _change_probability(relative: Floats32, usable: Bools) -> Floats32:
     """(H, W) probability that a pixel's difference (H, W, C), in its noise, is none of the noise.
 
     A mixture of two: noise, a t distribution with the covariance that is measured, and anything at all, evenly spread over
     what was seen. The share of either follows from the image.
     """
-    told = relative[usable].astype(np.float64)
-    if len(told) < 16:
+    seen = relative[usable].astype(np.float64)
+    if len(seen) < MIN_PIXELS:
         return np.zeros(relative.shape[:2], np.float32)
-    scale = np.maximum(MAD * np.median(np.abs(told), axis=0), 1e-3)
-    d = told.shape[1]
-    inner = (np.abs(told / scale) < BIWEIGHT).all(axis=1)
-    own = told[inner] / scale
-    covariance = (own.T @ own) / max(len(own), 1) + 1e-3 * np.eye(d)
+    unit = seen / np.maximum(MAD_TO_SD * np.median(np.abs(seen), axis=0), TINY)
+    d = unit.shape[1]
+    own = unit[(np.abs(unit) < BIWEIGHT).all(axis=1)]
+    covariance = (own.T @ own) / max(len(own), 1) + TINY * np.eye(d)
     form = np.linalg.inv(covariance)
-    unit = told / scale
     squared = np.einsum("ni,ij,nj->n", unit, form, unit)
-    height = math.lgamma(0.5 * (TAILS + d)) - math.lgamma(0.5 * TAILS) - 0.5 * d * math.log(TAILS * math.pi)
-    noise = height - 0.5 * math.log(float(np.linalg.det(covariance))) - 0.5 * (TAILS + d) * np.log1p(squared / TAILS)
+    height = math.lgamma(0.5 * (DEGREES + d)) - math.lgamma(0.5 * DEGREES) - 0.5 * d * math.log(DEGREES * math.pi)
+    noise = (
+        height - 0.5 * math.log(float(np.linalg.det(covariance))) - 0.5 * (DEGREES + d) * np.log1p(squared / DEGREES)
+    )
     anything = -float(np.log(np.maximum(np.ptp(unit, axis=0), 1.0)).sum())
-    share = 0.1
-    for _ in range(ROUNDS):
+    share = FIRST_SHARE
+    for _ in range(FIT_ROUNDS):
         odds = math.log(share / (1.0 - share)) + anything - noise
-        likely = 1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0)))
-        share = float(np.clip(likely.mean(), 1e-4, 0.9))
+        likely = 1.0 / (1.0 + np.exp(-np.clip(odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)))
+        share = float(np.clip(likely.mean(), MIN_CHANGED, MAX_CHANGED))
     found = np.zeros(relative.shape[:2], np.float32)
     found[usable] = likely
     return found

@@ -1,35 +1,62 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a silhouette to a candidate object: its sub-pixel contours, and how it differs from the background."""
+"""From a silhouette to a candidate object: its sub-pixel contours, the mixture of colours that shows them, and what tells
+candidates apart."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.equality import compared_by_value
-from grasptrack.errors import ContourError
+from grasptrack.errors import ContourError, InputError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.images import PLAIN, Channel, Grey
-from grasptrack.segmentation.color_projection import best_color_projection
-from grasptrack.segmentation.holes import MOST, ground_within, true_hole
-from grasptrack.segmentation.localization import localize_contour
-from grasptrack.segmentation.normalized_gradient import Planes
+from grasptrack.segmentation.closed_edges import Planes
+from grasptrack.segmentation.localization import LocalizedContour, background_within, localize_contour, localize_holes
 from grasptrack.segmentation.silhouettes import Silhouette
+from grasptrack.typing import Floats, Pixels
 
 MAX_SHARE = 0.9
 """A region that fills a larger share of the image is the background."""
+MAX_SIDES = 2
+"""Sides of the image that an object may touch; the background touches more."""
 MIN_STEP = 1.0
 """px; an object differs from the background by at least as much as its edge rises over this distance. The grain of a
 table has gradients too, but the same grey on both sides."""
-NEAR = 1.5
+CLOSED_EDGE_REACH = 1.5
 """px; closed edges lie on the edge itself, and farther away may be the other side of a thin part."""
 ONE_SIGN = 0.9
 """Where at least this share of an outline rises outward, or falls, the object is dark, or light; otherwise it is mixed."""
+SIGN_REACH = 2.0
+"""px to either side of an outline in which its rise is looked for."""
+MIN_LENGTH = 1e-9
+
+PLAIN_WEIGHTS = (0.114, 0.587, 0.299)
+"""Of blue, green and red in plain grey."""
+BETTER = 1.5
+"""A mixture of colours replaces plain grey when its contrast over noise is this many times as high."""
+CLEAR = 2.0
+"""The two sides of a clear edge differ by this many times the rms noise."""
+FAINT = 0.3
+"""An edge fainter than this share of the median is not required."""
+MIN_SHOWN = 0.95
+"""A mixture shows at least this share of the outline that plain grey shows."""
+COLOR_DISTANCE = 2.5
+"""px on either side of the outline at which colours are compared."""
+COLOR_SAMPLES = 200
+"""Points of the outline at which colours are compared."""
+
+SAME_REGION = 0.1
+"""Share of sqrt(area) by which mean points of one region may differ; areas by twice as much of each other."""
+MOSTLY = 0.75
+"""Share of an outline within another one that makes it a part of that."""
+ENCLOSURE_SAMPLES = 30
+"""Points of an outline, some, that are looked up in another one."""
 
 
 @compared_by_value
@@ -89,10 +116,10 @@ def is_plausible_object(shape: Silhouette, size: tuple[int, ...]) -> bool:
     """Whether a silhouette is not the background: neither nearly the whole image nor along three of its sides."""
     x, y, w, h = shape.box
     touched = (x <= 0) + (y <= 0) + (x + w >= size[1]) + (y + h >= size[0])
-    return shape.area <= MAX_SHARE * size[0] * size[1] and touched < 3
+    return shape.area <= MAX_SHARE * size[0] * size[1] and touched <= MAX_SIDES
 
 
-def of_one_level(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | None) -> Candidate | None:
+def candidate_of_one_level(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | None) -> Candidate | None:
     """The contours of a silhouette found by a threshold, or None if it cannot be an object.
 
     Args:
@@ -108,60 +135,181 @@ def of_one_level(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | No
     except ContourError:
         return None
     outer = edge.contour
-    cut = 0.0 if outer.clipped is None else float(outer.clipped.mean())
-    if cut > 0.5 or outer.strength is None:
+    if _is_mostly_cut(outer) or outer.strength is None:
         return None
     strength = outer.strength if outer.clipped is None else outer.strength[~outer.clipped]
     slope, step = float(np.median(strength)), (edge.outside - edge.inside) * polarity
     if not (slope > 0.0 and step >= MIN_STEP * slope):
         return None
-    holes = [true_hole(grey, chain, edge, polarity, hidden) for chain in shape.holes[:MOST]]
-    return Candidate(View([outer, *(h for h in holes if h is not None)]), polarity, edge.inside, edge.outside)
+    holes = localize_holes(grey, list(shape.holes), edge, polarity, hidden)
+    return Candidate(View([outer, *holes]), polarity, edge.inside, edge.outside)
 
 
-def of_closed_edges(
-    image: NDArray[np.uint8], seen: Planes | None, shape: Silhouette, hidden: Grey | None
+def candidate_of_edges(
+    image: Pixels, planes: Planes | None, shape: Silhouette, hidden: Grey | None
 ) -> Candidate | None:
     """The contours of a silhouette found by closed edges, in the mixture of colours that shows it best.
 
     Args:
         image: (H, W) or BGR (H, W, 3).
-        seen: its planes, for finding holes; None to skip them.
+        planes: of the image, for finding holes; None to skip them.
         shape: the silhouette.
         hidden: (H, W) nonzero where pixels are ignored.
     """
     if not is_plausible_object(shape, image.shape):
         return None
+
+    def localized(polarity: int) -> LocalizedContour:
+        return localize_contour(
+            grey, shape.outer, hole=False, polarity=polarity, hidden=hidden, reach=CLOSED_EDGE_REACH
+        )
+
     grey = PLAIN.grey(image)
     try:
-        edge = localize_contour(grey, shape.outer, hole=False, polarity=0, hidden=hidden, reach=NEAR)
+        edge = localized(0)
         channel = best_color_projection(image, edge.contour)
         if channel is not PLAIN:
             grey = channel.grey(image)
-            edge = localize_contour(grey, shape.outer, hole=False, polarity=0, hidden=hidden, reach=NEAR)
-        polarity = sign_of(grey, edge.contour)
+            edge = localized(0)
+        polarity = polarity_of(grey, edge.contour)
         if polarity:
-            edge = localize_contour(grey, shape.outer, hole=False, polarity=polarity, hidden=hidden, reach=NEAR)
+            edge = localized(polarity)
     except ContourError:
         return None
-    if edge.contour.clipped is not None and edge.contour.clipped.mean() > 0.5:
+    if _is_mostly_cut(edge.contour):
         return None
-    chains = [] if seen is None else ground_within(seen, shape)
-    holes = [true_hole(grey, chain, edge, polarity, hidden) for chain in chains]
-    view = View([edge.contour, *(h for h in holes if h is not None)])
+    chains = [] if planes is None else background_within(planes, shape)
+    view = View([edge.contour, *localize_holes(grey, chains, edge, polarity, hidden)])
     return Candidate(view, polarity, edge.inside, edge.outside, channel=channel)
 
 
-def sign_of(grey: Grey, outline: Contour) -> int:
+def _is_mostly_cut(outline: Contour) -> bool:
+    """Whether the border of the image, or what is hidden, makes more than half of an outline."""
+    return outline.clipped is not None and bool(outline.clipped.mean() > 0.5)
+
+
+def polarity_of(grey: Grey, outline: Contour) -> int:
     """+1 where nearly all of an outline rises outward, -1 where it falls, 0 where it is mixed."""
-    ahead = np.roll(outline.points, -1, axis=0) - np.roll(outline.points, 1, axis=0)
-    normals = np.column_stack([ahead[:, 1], -ahead[:, 0]]) / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
-    rise = kernels.search_along_normals(grey, outline.points, np.ascontiguousarray(normals), 2.0, 0)[:, 1]
+    normals = np.ascontiguousarray(_outward_normals(outline.points, 1))
+    rise = kernels.search_along_normals(grey, outline.points, normals, SIGN_REACH, 0)[:, 1]
     total = float(np.abs(rise).sum())
     share = float(rise[rise > 0.0].sum()) / total if total > 0.0 else 0.5
     return 1 if share >= ONE_SIGN else -1 if share <= 1.0 - ONE_SIGN else 0
 
 
-def contains_pixel(view: View, x: float, y: float) -> bool:
-    """Whether a pixel lies within the outer contour."""
-    return cv2.pointPolygonTest(view.outer.points.astype(np.float32), (float(x), float(y)), False) >= 0
+def _outward_normals(points: Floats, step: int) -> Floats:
+    """(n, 2) unit normals of a closed curve, of the chord from `step` points before each to as many after it."""
+    ahead = np.roll(points, -step, axis=0) - np.roll(points, step, axis=0)
+    lengths = np.maximum(np.hypot(*ahead.T), MIN_LENGTH)
+    return np.asarray(np.column_stack([ahead[:, 1], -ahead[:, 0]]) / lengths[:, None])
+
+
+# --- colours -------------------------------------------------------------------------------------
+
+
+def best_color_projection(image: Pixels, outline: Contour) -> Channel:
+    """The mixture of colours that shows an outline best, if it is much better than plain grey.
+
+    The colours differ across the outline by d at each point. The mixture w maximises the sum of (w d)^2 over the same sum
+    for differences within the background: an eigenvector.
+
+    Args:
+        image: (H, W) or BGR (H, W, 3).
+        outline: found in it.
+    """
+    if image.ndim == 2:
+        return PLAIN
+    step = max(1, len(outline) // COLOR_SAMPLES)
+    points, normals = outline.points[::step], _outward_normals(outline.points, 2)[::step]
+    within, beyond, farther = (_sample_colors(image, points + k * COLOR_DISTANCE * normals) for k in (-1.0, 1.0, 2.0))
+    across, grain = beyond - within, beyond - farther
+    between = across.T @ across / len(across)
+    noise = grain.T @ grain / len(grain) + np.eye(3)
+    root = np.linalg.inv(np.linalg.cholesky(noise))
+    values, vectors = np.linalg.eigh(root @ between @ root.T)
+    best, plain = root.T @ vectors[:, -1], np.array(PLAIN_WEIGHTS)
+    if values[-1] < BETTER**2 * float(plain @ between @ plain) / float(plain @ noise @ plain):
+        return PLAIN
+    # strong edges on one part of the outline do not compensate for missing ones on another
+    if _distinct_share(across, noise, best) < MIN_SHOWN * _distinct_share(across, noise, plain):
+        return PLAIN
+    best /= np.abs(best).sum()
+    best = best if best.sum() >= 0.0 else -best
+    b, g, r = np.round(best, 6).tolist()
+    return Channel((b, g, r))
+
+
+def _distinct_share(across: Floats, noise: Floats, weights: Floats) -> float:
+    """Share of the outline's points with a clear difference."""
+    difference = np.abs(across @ weights)
+    grain = float(np.sqrt(weights @ noise @ weights))
+    return float((difference >= max(CLEAR * grain, FAINT * float(np.median(difference)))).mean())
+
+
+def _sample_colors(image: Pixels, points: Floats) -> Floats:
+    """(n, 3) colours at points (n, 2) px, clamped to the image."""
+    column, row = np.rint(points).astype(np.intp).T
+    return np.asarray(image[row.clip(0, image.shape[0] - 1), column.clip(0, image.shape[1] - 1)], dtype=np.float64)
+
+
+# --- several candidates --------------------------------------------------------------------------
+
+
+def contains_pixel(view: View, x: float, y: float, margin: float = 0.0) -> bool:
+    """Whether a pixel lies within the outer contour, or no more than a margin in px beside it."""
+    return cv2.pointPolygonTest(view.outer.points.astype(np.float32), (float(x), float(y)), True) >= -margin
+
+
+def is_same_region(one: View, other: View, share: float = SAME_REGION) -> bool:
+    """Whether two outlines are of the same region, found in different ways."""
+    ratio = one.outer.area / other.outer.area
+    apart_by = one.outer.points.mean(axis=0) - other.outer.points.mean(axis=0)
+    alike = 1.0 - 2.0 * share < ratio < 1.0 / (1.0 - 2.0 * share)
+    return alike and math.hypot(*apart_by.tolist()) < share * math.sqrt(other.outer.area)
+
+
+def remove_nested(found: Sequence[Candidate]) -> list[Candidate]:
+    """Those that neither lie within a better one, as its parts do, nor round it."""
+    kept: list[Candidate] = []
+    for c in found:
+        if not any(_share_within(c.view, o.view) + _share_within(o.view, c.view) > 0.5 for o in kept):
+            kept.append(c)
+    return kept
+
+
+def distinct_candidates(found: Sequence[Candidate], most: int = 3) -> list[Candidate]:
+    """The likeliest candidates that a person would tell apart."""
+    kept: list[Candidate] = []
+    for c in found:
+        if len(kept) < most and not any(is_same_region(c.view, o.view) for o in kept):
+            kept.append(c)
+    return kept
+
+
+def numbered_candidate(found: Sequence[Candidate], number: int | None) -> Candidate:
+    """Of the candidates that a person would tell apart the one with a number, 1 being the likeliest; the likeliest of None.
+
+    Raises:
+        InputError: there are fewer.
+    """
+    distinct = distinct_candidates(found, number or 1)
+    if len(distinct) < (number or 1):
+        raise InputError(f"there are {len(distinct)} candidates, not {number}", number=number)
+    return distinct[-1]
+
+
+def describe_candidate(candidate: Candidate, first: Candidate) -> str:
+    """How a candidate lies to the first one, for a person: "round it, 3.1 times as large", "within it", "elsewhere"."""
+    times = candidate.view.outer.area / first.view.outer.area
+    cut = ", cut by the image's border" if candidate.view.is_clipped else ""
+    if _share_within(first.view, candidate.view) > MOSTLY:
+        return f"round it, {times:.1f} times as large{cut}"
+    if _share_within(candidate.view, first.view) > MOSTLY:
+        return f"within it, {100 * times:.0f} % of its area{cut}"
+    return f"elsewhere{cut}"
+
+
+def _share_within(inner: View, outer: View) -> float:
+    """Share of an outline's points, of some thirty, that lie within another."""
+    points = inner.outer.points[:: max(1, len(inner.outer) // ENCLOSURE_SAMPLES)].tolist()
+    return sum(contains_pixel(outer, x, y) for x, y in points) / len(points)

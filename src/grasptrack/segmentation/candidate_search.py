@@ -4,48 +4,51 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.errors import InputError, ObservationError
 from grasptrack.first_image import FirstImage
-from grasptrack.geometry.contours import View
-from grasptrack.images import to_grey, to_mask
 from grasptrack.segmentation.background import background_maps
-from grasptrack.segmentation.candidate import Candidate, of_closed_edges, of_one_level
+from grasptrack.segmentation.candidate import (
+    Candidate,
+    candidate_of_edges,
+    candidate_of_one_level,
+    contains_pixel,
+    is_same_region,
+)
 from grasptrack.segmentation.choice import Signs, choice_probabilities, drawn_probability, load_numbers, measure_worth
-from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
-from grasptrack.segmentation.normalized_gradient import Planes, lab_planes
-from grasptrack.segmentation.proposals import GIVEN, THRESHOLD, Proposal, is_alike, propose_silhouettes
-from grasptrack.segmentation.quadrangles import find_quadrangles
-from grasptrack.segmentation.rating import NONE, SilhouetteScorer
-from grasptrack.segmentation.regions import Region, Segmenter
-from grasptrack.segmentation.segmenters import OneMask
+from grasptrack.segmentation.proposals import (
+    GIVEN,
+    MIN_EXTENT,
+    THRESHOLD,
+    UNRATED,
+    OutlineProposal,
+    Scene,
+    is_alike,
+    propose_masks,
+    propose_silhouettes,
+)
+from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, region_maps
 from grasptrack.segmentation.shadow import without_shadow
-from grasptrack.segmentation.silhouettes import Silhouette, box_iou, trace_silhouettes
-from grasptrack.segmentation.snapping import OutlineSnapper, outline_agreement, polygon_silhouette
-from grasptrack.segmentation.work import CONTOUR, CONTOUR_PX, GRADIENTS, PREPARED, QUADRANGLES, Work
-from grasptrack.typing import Box, Floats, Point
+from grasptrack.segmentation.silhouettes import Silhouette, box_iou, polygon_silhouette
+from grasptrack.segmentation.snapping import OutlineSnapper, outline_agreement
+from grasptrack.segmentation.work import CONTOUR, CONTOUR_AREA
+from grasptrack.typing import Floats, Pixels
 
-MIN_EXTENT = 20
-"""px across; a smaller object has no outline worth following."""
-COMPARED = 40
+MAX_COMPARED = 40
 """Proposals that are compared, the best rated first, and as many of a segmenter's."""
-LOOKED_AT = 8
-"""Proposals that become contours, the likeliest first; after them only those that lie apart from all that was found."""
-SHADOWS = 3
+MAX_CONTOURS, MAX_NESTED = 60, 8
+"""Proposals that become contours at all, and among how many, the likeliest first, may lie parts of what was found."""
+MAX_SHADOWS = 3
 """Objects that are looked at for a shadow, the likeliest first."""
-MOST = 60
-"""Proposals that become contours at all."""
-WORTH = 0.02
+MIN_RATING = 0.02
 """Ratings below this are chance, ..."""
-FAINT = 0.3
+CLUTTER = 0.3
 """... and those below this share of the best are clutter beside it."""
-CUT = 3
+MAX_CUT = 3
 """Regions cut by the image's border that are offered although their rating is faint for that, the best rated ones. They come
 after what is whole: the ground is cut too."""
 APART = 0.65
@@ -54,104 +57,101 @@ ROUGH = 2.0
 """px of the working image by which a segmenter's outline may be off: its map is coarser than the image."""
 AGREEING, ALL_ROUND = 8.0, 0.97
 """px from a polygon that a person drew within which a proposal agrees with it, and the share of both outlines that must."""
+BOX_AGREEING = 3.0 * AGREEING
+"""px that the sides of both boxes may differ by before that is looked at."""
 FALLBACK_RECIPE = 2
 """Of `closed_edges.RECIPES`: looks for what no way of looking found by itself."""
-
-
-BESIDE = 3.0
+CLICK_MARGIN = 3.0
 """px: a click may lie so far beside a thin part."""
 MIN_BOX_OVERLAP = 0.3
 """Intersection over union with a box that was drawn; a region of less is another one."""
+NESTED_SHARE = 0.4
+"""Of an outline, within what was found, from which it counts as a part of that."""
 
 
 class _Rated(NamedTuple):
     """A proposal and the logarithm of its worth, with the segmenter's maps and without."""
 
-    proposal: Proposal
+    proposal: OutlineProposal
     worth: float
     unmapped: float
 
 
 class CandidateSearch:
-    """One image: what is proposed in it, and what becomes of that."""
+    """One image: what is proposed in it, and what becomes of that.
 
-    def __init__(self, colours: NDArray[np.uint8], hints: FirstImage, segmenter: Segmenter | None) -> None:
-        self.colours, self._hints = colours, hints
-        self._grey = to_grey(colours)
-        self._planes: Planes = lab_planes(colours)
-        self._edges = ClosedEdgeSegmenter(self._planes, hints.hidden)
+    Args:
+        colours: (H, W) or BGR (H, W, 3), 8 bit.
+        said: what a person says of it.
+        segmenter: proposes regions beside the own search.
+
+    Attributes:
+        meant: the proposals that may be meant by what is said.
+    """
+
+    def __init__(self, colours: Pixels, said: FirstImage, segmenter: Segmenter | None) -> None:
+        self._scene, self._said = Scene(colours, said), said
         self._alone = isinstance(segmenter, OneMask)
-        regions = [] if segmenter is None or hints.masked else list(segmenter.regions(colours, hints))
-        if hints.background is not None:
-            if self._alone or hints.masked:
+        regions = [] if segmenter is None or said.masked else list(segmenter.regions(colours, said))
+        if said.background is not None:
+            if self._alone or said.masked:
                 raise InputError("a background and a mask both say where the object is: give one of them")
-            regions += [Region(m, is_vote=True) for m in background_maps(colours, hints.background, hints.hidden)]
-        maps, self._maps = _as_maps(regions, self._grey.shape)
+            regions += [Region(m, is_vote=True) for m in background_maps(colours, said.background, said.hidden)]
+        shown, self._maps = region_maps(regions, self._scene.grey.shape)
         self._voted = any(region.is_vote for region in regions)
-        self._snapper = OutlineSnapper(self._edges, self._maps[-1] if self._voted and not self._alone else None)
-        self._work = Work(hints.first_look_ms)
-        reduced = self._edges.fields[0].strength.size
-        self._work.spend((PREPARED * self._grey.size + GRADIENTS * reduced) / 1e6)
-        self._proposals = self._propose(maps)
-        self.meant = [p for p in self._proposals if is_allowed(p.silhouette, hints)]
+        # without a map, which the outline may have come from, and with it
+        self._unmapped_snapper = OutlineSnapper(self._scene.edges)
+        guided = self._voted and not self._alone
+        self._snapper = OutlineSnapper(self._scene.edges, self._maps[-1]) if guided else self._unmapped_snapper
+        self._proposals = (propose_masks if self._alone else propose_silhouettes)(self._scene, shown)
+        self.meant = [p for p in self._proposals if is_allowed(p.silhouette, said)]
 
     def candidates(self) -> list[Candidate]:
-        """Contours of the likeliest proposals, the likeliest first."""
-        drawn = self._drawn()
-        if drawn is not None:
-            return drawn
-        rated = self._rated()
-        return self._judged(self._localized(rated), rated)
+        """Contours of the likeliest proposals, the likeliest first.
 
-    def _propose(self, maps: list[NDArray[np.float32]]) -> list[Proposal]:
-        hints = self._hints
-        if self._alone:
-            rater = SilhouetteScorer(self._edges.fields[0], self._edges.shrink, self._grey.shape)
-            shapes = [polygon for each in maps for polygon in _regions_of(each)]
-            return [Proposal(s, rater.rate(s), 0, math.nan, 0.0, GIVEN) for s in shapes]
-        return propose_silhouettes(
-            self._grey, self._edges, hints.hidden, hints.masked, MIN_EXTENT, maps, self._quadrangles(), self._work
-        )
+        Raises:
+            ObservationError: what a person drew is too small, or beyond the image.
+        """
+        if self._said.outline is not None:
+            return [self._drawn_candidate(self._said.outline)]
+        rated = self._rate_meant()
+        return self._judge(self._localize_all(rated), rated)
 
-    def _quadrangles(self) -> list[Silhouette]:
-        """Quadrangles of straight edges where a person points."""
-        hints, px = self._hints, self._edges.shrink
-        at = hints.object_at[0] if hints.object_at else _box_middle(hints.box)
-        if hints.masked or at is None or not self._work.allows(QUADRANGLES * self._grey.size / px**2 / 1e6):
-            return []
-        self._work.spend(QUADRANGLES * self._grey.size / px**2 / 1e6)
-        found = find_quadrangles(self._edges.planes, ((at[0] - 0.5 * (px - 1)) / px, (at[1] - 0.5 * (px - 1)) / px))
-        shapes = (polygon_silhouette(each * px + 0.5 * (px - 1), self._grey.shape) for each in found)
-        return [shape for shape in shapes if shape is not None]
+    def compared(self) -> list[OutlineProposal]:
+        """The best rated proposals of the image and of those that are meant, of a segmenter's as many."""
+        large = [p for p in self._proposals if p.silhouette.extent >= MIN_EXTENT and p.rating is not UNRATED]
+        cut = sorted((p for p in large if p.rating.is_cut), key=lambda p: -p.rating.score_in_view)[:MAX_CUT]
+        found = {id(p): p for p in cut}
+        for pool in (large, [p for p in large if is_allowed(p.silhouette, self._said)]):
+            for given in (False, True):
+                found.update((id(p), p) for p in [p for p in pool if (p.recipe == GIVEN) is given][:MAX_COMPARED])
+        return list(found.values())
 
-    def _rated(self) -> list[_Rated]:
+    def _rate_meant(self) -> list[_Rated]:
         """The proposals that are meant, each region once, the likeliest first."""
         if self._alone:
-            return [_Rated(p, 0.0, 0.0) for p in self.meant[:COMPARED]]
-        compared = self.compared()
+            return [_Rated(p, 0.0, 0.0) for p in self.meant[:MAX_COMPARED]]
+        compared, said = self.compared(), self._said
         numbers = load_numbers(bool(self._maps))
-        if self._hints.background is not None:  # a person's word, as a box is
+        if said.background is not None:  # a person's word, as a box is
             numbers = numbers._replace(map_power=numbers.box_power)
-        worth = measure_worth(compared, self._maps, self._hints.box, numbers)
-        meant = [k for k, p in enumerate(compared) if is_allowed(p.silhouette, self._hints)]
-        kept: list[int] = []
-        for k in sorted(meant, key=lambda k: -worth[k]):
-            if not any(is_alike(compared[k].silhouette, compared[j].silhouette) for j in kept):
-                kept.append(k)
-        unmapped = measure_worth(compared, [], self._hints.box, numbers)
-        return [_Rated(compared[k], float(worth[k]), float(unmapped[k])) for k in kept]
+        worth, unmapped = (measure_worth(compared, maps, said.box, numbers) for maps in (self._maps, []))
+        kept: list[_Rated] = []
+        for k in sorted(range(len(compared)), key=lambda k: -worth[k]):
+            shape = compared[k].silhouette
+            if is_allowed(shape, said) and not any(is_alike(shape, r.proposal.silhouette) for r in kept):
+                kept.append(_Rated(compared[k], float(worth[k]), float(unmapped[k])))
+        return kept
 
-    def _judged(self, found: list[tuple[Candidate, _Rated]], rated: list[_Rated]) -> list[Candidate]:
+    def _judge(self, found: list[tuple[Candidate, _Rated]], rated: list[_Rated]) -> list[Candidate]:
         """Candidates with their probabilities."""
         if not found or self._alone:
             return [candidate._replace(probability=1.0) for candidate, _ in found]
         first, own = found[0]
         rivals = [r for r in rated if _is_another(r.proposal.silhouette, own.proposal.silhouette)]
         # what stands out for a net, as a person does, need not be what is meant: the outline alone has a say
-        leads = [min(own.worth - r.worth, own.unmapped - r.unmapped) for r in rivals]
-        lead = min(leads, default=math.inf)
-        # without the map, which the outline may have come from
-        returned = OutlineSnapper(self._edges).return_share(first.view.outer.points)
+        lead = min((min(own.worth - r.worth, own.unmapped - r.unmapped) for r in rivals), default=math.inf)
+        returned = self._unmapped_snapper.return_share(first.view.outer.points)
         worth = np.array([r.worth for _, r in found])
         signs = Signs(own.proposal.rating.score, lead, returned)
         # the numbers with a map were fitted to votes: of alternatives the more cautious ones count
@@ -160,144 +160,125 @@ class CandidateSearch:
         judged = [c._replace(probability=float(p)) for (c, _), p in zip(found, share, strict=True)]
         return [judged[0]._replace(lead=lead, returned=returned), *judged[1:]]
 
-    def compared(self) -> list[Proposal]:
-        """The best rated proposals of the image and of those that are meant, of a segmenter's as many."""
-        large = [p for p in self._proposals if max(p.silhouette.box[2:]) >= MIN_EXTENT and p.rating is not NONE]
-        found: dict[int, Proposal] = {}
-        for p in sorted([p for p in large if _is_cut(p)], key=lambda p: -p.rating.score_in_view)[:CUT]:
-            found[id(p)] = p
-        for pool in (large, [p for p in large if is_allowed(p.silhouette, self._hints)]):
-            for own in (False, True):
-                for p in [p for p in pool if (p.recipe == GIVEN) is own][:COMPARED]:
-                    found[id(p)] = p
-        return list(found.values())
-
-    def _drawn(self) -> list[Candidate] | None:
+    def _drawn_candidate(self, polygon: Floats) -> Candidate:
         """What a rough polygon is: the best rated proposal that agrees with it all round, else the polygon moved onto the edges
-        beside it. None where there is no polygon.
+        beside it.
 
         Raises:
-            ObservationError: it is too small.
+            ObservationError: it is too small, or beyond the image.
         """
-        polygon = self._hints.outline
-        if polygon is None:
-            return None
         for p in sorted(self._proposals, key=lambda p: -p.worth):
             if _is_beside(p.silhouette, polygon) and outline_agreement(p.silhouette, polygon, AGREEING) >= ALL_ROUND:
-                found = self._localize(p, False, False)
+                found = self._localize(p)
                 if found is not None:
-                    return [self._judged_drawn(found)._replace(rating=p.rating.score)]
-        shape = polygon_silhouette(self._snapper.snap(polygon), self._grey.shape)
-        if shape is None or max(shape.box[2:]) < MIN_EXTENT:
+                    return self._judge_drawn(found)._replace(rating=p.rating.score)
+        shape = polygon_silhouette(self._snapper.snap(polygon), self._scene.grey.shape)
+        if shape is None or shape.extent < MIN_EXTENT:
             raise ObservationError(f"the outline that was drawn is less than {MIN_EXTENT} px across")
-        candidate = of_closed_edges(self.colours, self._planes, shape, self._hints.hidden)
+        candidate = candidate_of_edges(self._scene.colours, self._scene.planes, shape, self._said.hidden)
         if candidate is None:
             raise ObservationError("the outline that was drawn lies beyond the image for the most part")
-        return [self._judged_drawn(self._findable(candidate, shape))]
+        return self._judge_drawn(self._with_recipe(candidate, shape))
 
-    def _judged_drawn(self, candidate: Candidate) -> Candidate:
+    def _judge_drawn(self, candidate: Candidate) -> Candidate:
         """What a person drew, with its probability to be right."""
-        returned = OutlineSnapper(self._edges).return_share(candidate.view.outer.points)
+        returned = self._unmapped_snapper.return_share(candidate.view.outer.points)
         return candidate._replace(probability=drawn_probability(returned), returned=returned)
 
-    def _localized(self, rated: list[_Rated]) -> list[tuple[Candidate, _Rated]]:
+    def _localize_all(self, rated: list[_Rated]) -> list[tuple[Candidate, _Rated]]:
         """The likeliest as contours, each region once."""
-        kept: list[tuple[Candidate, _Rated]] = []
-        found: list[Candidate] = []
-        taken = np.zeros(self._grey.shape, np.uint8)
+        found: list[tuple[Candidate, _Rated]] = []
+        taken = np.zeros(self._scene.grey.shape, np.uint8)
         looked = cut = 0
         own = max((r.proposal.rating.score for r in rated if r.proposal.recipe != GIVEN), default=0.0)
-        least = 0.0 if self._alone else max(WORTH, FAINT * own)
+        least = 0.0 if self._alone else max(MIN_RATING, CLUTTER * own)
+        cost = CONTOUR + CONTOUR_AREA.of(self._scene.grey.size)
         for each in rated:
             p = each.proposal
-            if looked >= MOST:
+            if looked >= MAX_CONTOURS:
                 break
-            offered = False
+            is_offered = False
             if p.recipe != GIVEN and p.rating.score < least:
-                offered = cut < CUT and _is_cut(p) and p.rating.score_in_view >= least
-                if not offered or not (found or self._hints.is_pointed_at):  # alone it is the ground of an empty image
+                is_offered = cut < MAX_CUT and p.rating.is_cut and p.rating.score_in_view >= least
+                if not is_offered or not (found or self._said.is_pointed_at):  # alone it is an empty image's ground
                     continue
                 cut += 1
-            part = _overlaps_found(p.silhouette, taken, found)
-            if part and looked >= LOOKED_AT and not offered:
+            is_part = _overlaps_found(p.silhouette, taken, [c for c, _ in found])
+            if is_part and looked >= MAX_NESTED and not is_offered:
                 continue
-            cost = CONTOUR + CONTOUR_PX * self._grey.size / 1e6
-            if found and not self._work.allows(cost):
+            if found and not self._scene.work.allows(cost):
                 break
-            self._work.spend(cost)
+            self._scene.work.spend(cost)
             looked += 1
-            candidate = self._localize(p, part, len(found) < SHADOWS and not part and not self._alone)
-            if candidate is None or any(is_same_region(candidate.view, other.view) for other in found):
+            shaded = len(found) < MAX_SHADOWS and not is_part and not self._alone
+            candidate = self._localize(p, whole=not is_part, shaded=shaded)
+            if candidate is None or any(is_same_region(candidate.view, other.view) for other, _ in found):
                 continue
-            if self._hints.object_at and not all(_on_or_beside(candidate.view, *at) for at in self._hints.object_at):
+            if not all(contains_pixel(candidate.view, *at, CLICK_MARGIN) for at in self._said.object_at):
                 continue
-            found.append(candidate._replace(rating=p.rating.score))
-            kept.append((found[-1], each))
-            cv2.drawContours(taken, [p.silhouette.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
-        return kept
+            found.append((candidate._replace(rating=p.rating.score), each))
+            cv2.drawContours(taken, [p.silhouette.outer.reshape(-1, 1, 2)], -1, (1,), cv2.FILLED)
+        return found
 
-    def _localize(self, p: Proposal, part: bool, shaded: bool) -> Candidate | None:
-        """The sub-pixel contour of a proposal, without the shadow that its object casts."""
-        hidden, cut = self._hints.hidden, False
+    def _localize(self, p: OutlineProposal, whole: bool = True, shaded: bool = False) -> Candidate | None:
+        """The sub-pixel contour of a proposal.
+
+        Args:
+            p: the proposal.
+            whole: holes are looked for by colour.
+            shaded: the shadow that the object casts is cut out.
+        """
+        colours, planes, hidden = self._scene.colours, self._scene.planes if whole else None, self._said.hidden
         if p.recipe == GIVEN:
             snapped = self._snapper.snap(p.silhouette.outer.astype(np.float64), ROUGH)
-            shape = polygon_silhouette(snapped, self._grey.shape)
-            if shape is None:
-                return None
-            found = of_closed_edges(self.colours, None if part else self._planes, shape, hidden)
-            return None if found is None else self._findable(found, shape)
+            shape = polygon_silhouette(snapped, self._scene.grey.shape)
+            found = None if shape is None else candidate_of_edges(colours, planes, shape, hidden)
+            return None if found is None or shape is None else self._with_recipe(found, shape)
+        is_cut_out = False
         if shaded:
-            p, cut = self._out_of_shadow(p)
-        if p.recipe == THRESHOLD and not cut:
-            found = of_one_level(self._grey, p.silhouette, p.polarity, hidden)
+            p, is_cut_out = self._out_of_shadow(p)
+        if p.recipe == THRESHOLD and not is_cut_out:
+            found = candidate_of_one_level(self._scene.grey, p.silhouette, p.polarity, hidden)
         else:
-            found = of_closed_edges(self.colours, None if part else self._planes, p.silhouette, hidden)
+            found = candidate_of_edges(colours, planes, p.silhouette, hidden)
         if found is None:
             return None
-        return found._replace(level=p.level, recipe=p.recipe, grain=p.grain, shaded=cut)
+        return found._replace(level=p.level, recipe=p.recipe, grain=p.grain, shaded=is_cut_out)
 
-    def _out_of_shadow(self, p: Proposal) -> tuple[Proposal, bool]:
+    def _out_of_shadow(self, p: OutlineProposal) -> tuple[OutlineProposal, bool]:
         """A proposal without the shadow that its object casts, and whether it had to be cut out: where another proposal
         is the object alone, that one is taken."""
-        alone = without_shadow(self.colours, p.silhouette)
+        alone = without_shadow(self._scene.colours, p.silhouette)
         if alone is None:
             return p, False
-        alike = [other for other in self._proposals if is_alike(other.silhouette, alone)]
-        return (alike[0], False) if alike else (p._replace(silhouette=alone), True)
+        alike = next((other for other in self._proposals if is_alike(other.silhouette, alone)), None)
+        return (p._replace(silhouette=alone), True) if alike is None else (alike, False)
 
-    def _findable(self, candidate: Candidate, shape: Silhouette) -> Candidate:
+    def _with_recipe(self, candidate: Candidate, shape: Silhouette) -> Candidate:
         """A given candidate with the way in which the own search finds nearly the same region, for later images."""
-        own = [p for p in self._proposals if p.recipe != GIVEN]
+        own = (p for p in self._proposals if p.recipe != GIVEN)
         alike = next((p for p in own if is_alike(p.silhouette, shape)), None)
         if alike is not None and (alike.recipe != THRESHOLD or candidate.polarity == alike.polarity):
             return candidate._replace(level=alike.level, recipe=alike.recipe, grain=alike.grain)
         if candidate.polarity and candidate.inside != candidate.outside:
             return candidate._replace(level=0.5 * (candidate.inside + candidate.outside), recipe=THRESHOLD)
-        field = self._edges.fields[0]
-        return candidate._replace(recipe=FALLBACK_RECIPE, grain=field.unit)
+        return candidate._replace(recipe=FALLBACK_RECIPE, grain=self._scene.edges.fields[0].unit)
 
 
-def is_allowed(shape: Silhouette, hints: FirstImage) -> bool:
+def is_allowed(shape: Silhouette, said: FirstImage) -> bool:
     """Whether a region covers all pixels on the object, none beside it, and fills a box at least in part."""
-    if any(shape.depth(*at) < -BESIDE for at in hints.object_at) or any(shape.depth(*at) > 0.0 for at in hints.not_at):
+    if any(shape.depth(*at) < -CLICK_MARGIN for at in said.object_at):
         return False
-    return hints.box is None or box_iou(shape.box, hints.box) > MIN_BOX_OVERLAP
-
-
-def _box_middle(box: Box | None) -> Point | None:
-    return None if box is None else (box[0] + 0.5 * box[2], box[1] + 0.5 * box[3])
+    if any(shape.depth(*at) > 0.0 for at in said.not_at):
+        return False
+    return said.box is None or box_iou(shape.box, said.box) > MIN_BOX_OVERLAP
 
 
 def _is_beside(shape: Silhouette, polygon: Floats) -> bool:
     """Whether the boxes of a region and a polygon may agree."""
     x, y, w, h = shape.box
     (left, top), (right, bottom) = polygon.min(axis=0).tolist(), polygon.max(axis=0).tolist()
-    return bool(max(abs(x - left), abs(y - top), abs(x + w - right), abs(y + h - bottom)) < 3.0 * AGREEING)
-
-
-def _is_cut(p: Proposal) -> bool:
-    """Whether the image's border cuts a region."""
-    return 0.0 < p.rating.complete < 1.0
+    return bool(max(abs(x - left), abs(y - top), abs(x + w - right), abs(y + h - bottom)) < BOX_AGREEING)
 
 
 def _is_another(shape: Silhouette, first: Silhouette) -> bool:
@@ -305,64 +286,12 @@ def _is_another(shape: Silhouette, first: Silhouette) -> bool:
     return box_iou(shape.box, first.box) < APART or not APART < shape.area / first.area < 1.0 / APART
 
 
-def _as_maps(
-    regions: Sequence[Region], size: tuple[int, ...]
-) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:
-    """Maps (H, W), 0 to 1, in which regions are looked for, and those that a region may agree with: the mean of all votes, and
-    each alternative times its probability.
-
-    Raises:
-        InputError: a mask of another size.
-    """
-    shown: list[NDArray[np.float32]] = []
-    votes: list[NDArray[np.float32]] = []
-    beliefs: list[NDArray[np.float32]] = []
-    for region in regions:
-        mask = np.asarray(region.mask)
-        if np.issubdtype(mask.dtype, np.floating):
-            if mask.shape != tuple(size):
-                raise InputError(
-                    f"a segmenter's mask is {mask.shape}, but the image is {size[1]}x{size[0]} px", shape=mask.shape
-                )
-            plane = np.clip(np.nan_to_num(mask), 0.0, 1.0).astype(np.float32)
-        else:
-            plane = (to_mask(mask, tuple(size), "segmenter's mask") / 255.0).astype(np.float32)
-        shown.append(plane)
-        believed = plane * np.float32(np.clip(region.probability, 0.0, 1.0))
-        (votes if region.is_vote else beliefs).append(believed)
-    if votes:
-        mean = np.mean(votes, axis=0).astype(np.float32)
-        beliefs.append(mean)
-        if len(votes) > 1:
-            shown.append(mean)
-    return shown, beliefs
-
-
-def _regions_of(map_: NDArray[np.float32]) -> list[Silhouette]:
-    return trace_silhouettes(np.where(map_ > 0.5, np.uint8(255), np.uint8(0)), 30.0, holes=False)
-
-
-def _on_or_beside(view: View, x: float, y: float) -> bool:
-    """Whether a pixel lies within the outer contour or just beside it."""
-    outer = view.outer.points.astype(np.float32)
-    return cv2.pointPolygonTest(outer, (float(x), float(y)), True) >= -BESIDE
-
-
-def _overlaps_found(shape: Silhouette, taken: NDArray[np.uint8], found: list[Candidate]) -> bool:
-    """Whether a silhouette lies within what was taken, or round it, at least for a good part."""
+def _overlaps_found(shape: Silhouette, taken: Pixels, found: list[Candidate]) -> bool:
+    """Whether a silhouette lies within what was taken, 1 in (H, W), or round it, at least for a good part."""
     if not found:
         return False
     column, row = shape.outer.T
-    if taken[row.clip(0, taken.shape[0] - 1), column.clip(0, taken.shape[1] - 1)].mean() > 0.4 * 255.0:
+    if taken[row.clip(0, taken.shape[0] - 1), column.clip(0, taken.shape[1] - 1)].mean() > NESTED_SHARE:
         return True
-    corners = (c.view.outer.points[k * len(c.view.outer) // 3] for c in found for k in range(3))
-    return any(shape.contains(x, y) for x, y in (corner.tolist() for corner in corners))
-
-
-def is_same_region(one: View, other: View, share: float = 0.1) -> bool:
-    """Whether two outlines are of the same region, found in different ways."""
-    area, a = one.outer.area, other.outer.area
-    apart_by = one.outer.points.mean(axis=0) - other.outer.points.mean(axis=0)
-    return 1.0 - 2.0 * share < area / a < 1.0 / (1.0 - 2.0 * share) and math.hypot(
-        *apart_by.tolist()
-    ) < share * math.sqrt(a)
+    corners = (c.view.outer.points[k * len(c.view.outer) // 3].tolist() for c in found for k in range(3))
+    return any(shape.depth(x, y) >= 0.0 for x, y in corners)

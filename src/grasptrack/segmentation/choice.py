@@ -18,25 +18,28 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from grasptrack.segmentation.proposals import Proposal
+from grasptrack.segmentation.proposals import OutlineProposal
 from grasptrack.segmentation.silhouettes import box_iou
-from grasptrack.typing import Box, Floats
+from grasptrack.typing import Box, Floats, Floats32
 
-FLOOR, LEAST_OVERLAP = 1e-6, 0.02
+MIN_RATING, MIN_OVERLAP = 1e-6, 0.02
 """What logarithms' arguments are raised to, at least: of a rating, and of an overlap."""
-MOST_LEAD = 2.0
+RATING_OFFSET = 1e-3
+"""Added to a rating, so that its logarithm is finite."""
+MAX_LEAD = 2.0
 TIE = 15.0
 """For each unit of the lead: of two regions that are worth the same either may be meant, a fifth more settles it. A choice: the
 photos that the rest is fitted to show one object each."""
 ALL_BUT = 0.02
-"""Share of an outline of which it tells nothing that it did not return."""
-ENOUGH = 48
+"""Share of an outline that says nothing by not returning."""
+OVERLAP_PIXELS = 48
 """px across of a region in which its overlap with a map is measured."""
+MAX_LOG_ODDS = 50.0
+TINY_SHARE, TINY_AREA = 1e-9, 1e-6
 
 
-class Numbers(NamedTuple):
+class ChoiceNumbers(NamedTuple):
     """How a choice is made.
 
     Attributes:
@@ -57,11 +60,11 @@ class Numbers(NamedTuple):
 
 
 class Signs(NamedTuple):
-    """What tells whether the first region is right.
+    """What shows whether the first region is right.
 
     Attributes:
         rating: of its outline, 0 to 1.
-        lead: logarithm of its worth over that of the best that is plainly another region; counts up to MOST_LEAD.
+        lead: logarithm of its worth over that of the best that is plainly another region; counts up to MAX_LEAD.
         returned: share of its outline that comes back when it is displaced, as of `snapping.OutlineSnapper`.
     """
 
@@ -72,14 +75,7 @@ class Signs(NamedTuple):
     @property
     def terms(self) -> tuple[float, float, float]:
         """What a logistic function weighs."""
-        return math.log(self.rating + 1e-3), min(self.lead, MOST_LEAD), return_term(self.returned)
-
-
-class DrawnNumbers(NamedTuple):
-    """Of a logistic function: constant, and weight of `return_term`."""
-
-    offset: float
-    returned: float
+        return math.log(self.rating + RATING_OFFSET), min(self.lead, MAX_LEAD), return_term(self.returned)
 
 
 def return_term(returned: float) -> float:
@@ -89,26 +85,24 @@ def return_term(returned: float) -> float:
 
 def drawn_probability(returned: float) -> float:
     """Probability that an outline is right that a person drew roughly and edges drew nearer, by the share that comes back."""
-    numbers = DrawnNumbers(**_told()["drawn"])
-    return logistic(numbers.offset + numbers.returned * return_term(returned))
+    numbers = _fitted_numbers()["drawn"]
+    return logistic(numbers["offset"] + numbers["returned"] * return_term(returned))
 
 
-@lru_cache(maxsize=2)
-def load_numbers(mapped: bool) -> Numbers:
+def load_numbers(mapped: bool) -> ChoiceNumbers:
     """The fitted numbers, for choices with or without a segmenter's map."""
-    return Numbers(**_told()["with map" if mapped else "without map"])
+    return ChoiceNumbers(**_fitted_numbers()["with map" if mapped else "without map"])
 
 
 @lru_cache(maxsize=1)
-def _told() -> dict[str, dict[str, float]]:
-    told: dict[str, dict[str, float]] = json.loads(
-        files("grasptrack.segmentation").joinpath("choice.json").read_text(encoding="utf-8")
-    )
-    return told
+def _fitted_numbers() -> dict[str, dict[str, float]]:
+    text = files("grasptrack.segmentation").joinpath("choice.json").read_text(encoding="utf-8")
+    numbers: dict[str, dict[str, float]] = json.loads(text)
+    return numbers
 
 
 def measure_worth(
-    proposals: Sequence[Proposal], maps: Sequence[NDArray[np.float32]], box: Box | None, numbers: Numbers
+    proposals: Sequence[OutlineProposal], maps: Sequence[Floats32], box: Box | None, numbers: ChoiceNumbers
 ) -> Floats:
     """(n,) logarithm of the worth of each proposal.
 
@@ -118,21 +112,18 @@ def measure_worth(
         box: left, top, width and height of the object, px, or None.
         numbers: powers.
     """
-    totals = [float(each.sum()) for each in maps]
-    worth = np.array([math.log(max(p.worth, FLOOR)) for p in proposals])
+    worth = np.array([math.log(max(p.worth, MIN_RATING)) for p in proposals])
     if len(maps):
-        overlaps = [
-            max(LEAST_OVERLAP, *(map_overlap(p, each, total) for each, total in zip(maps, totals, strict=True)))
-            for p in proposals
-        ]
+        totals = [(each, float(each.sum())) for each in maps]
+        overlaps = [max(MIN_OVERLAP, *(map_overlap(p, each, total) for each, total in totals)) for p in proposals]
         worth = worth + numbers.map_power * np.log(np.array(overlaps))
     if box is not None:
-        boxes = [max(box_iou(p.silhouette.box, box), LEAST_OVERLAP) for p in proposals]
+        boxes = [max(box_iou(p.silhouette.box, box), MIN_OVERLAP) for p in proposals]
         worth = worth + numbers.box_power * np.log(np.array(boxes))
     return np.asarray(worth, dtype=np.float64)
 
 
-def choice_probabilities(worth: Floats, signs: Signs, numbers: Numbers) -> Floats:
+def choice_probabilities(worth: Floats, signs: Signs, numbers: ChoiceNumbers) -> Floats:
     """(n,) probability of each proposal to be the object, the likeliest first; what is missing to 1 is that of none.
 
     Args:
@@ -143,10 +134,10 @@ def choice_probabilities(worth: Floats, signs: Signs, numbers: Numbers) -> Float
     if not len(worth):
         return np.zeros(0)
     weights = (numbers.rating, numbers.lead, numbers.returned)
-    told = numbers.offset + sum(w * t for w, t in zip(weights, signs.terms, strict=True))
-    first = logistic(told) * tie_factor(signs.lead)
+    log_odds = numbers.offset + sum(w * t for w, t in zip(weights, signs.terms, strict=True))
+    first = logistic(log_odds) * tie_factor(signs.lead)
     rest = np.exp(worth[1:] - worth[0])
-    shares = (1.0 - first) * numbers.among * rest / max(float(rest.sum()), 1e-9)
+    shares = (1.0 - first) * numbers.among * rest / max(float(rest.sum()), TINY_SHARE)
     return np.concatenate([[first], np.minimum(shares, first)])
 
 
@@ -155,18 +146,18 @@ def tie_factor(lead: float) -> float:
     return logistic(TIE * lead)
 
 
-def logistic(told: float) -> float:
+def logistic(log_odds: float) -> float:
     """Probability of log odds."""
-    return 1.0 / (1.0 + math.exp(-min(max(told, -50.0), 50.0)))
+    return 1.0 / (1.0 + math.exp(-min(max(log_odds, -MAX_LOG_ODDS), MAX_LOG_ODDS)))
 
 
-def map_overlap(p: Proposal, map_: NDArray[np.float32], total: float) -> float:
+def map_overlap(p: OutlineProposal, map_: Floats32, total: float) -> float:
     """Intersection over union of a region and a map (H, W) of so much in total."""
     x, y, w, h = p.silhouette.box
-    step = max(1, min(w, h) // ENOUGH)
+    step = max(1, min(w, h) // OVERLAP_PIXELS)
     part = map_[max(y, 0) : y + h : step, max(x, 0) : x + w : step]
     mask = np.zeros(part.shape, np.uint8)
     outer = ((p.silhouette.outer - (max(x, 0), max(y, 0))) // step).astype(np.int32)
     cv2.drawContours(mask, [outer.reshape(-1, 1, 2)], -1, (1,), cv2.FILLED)
     both = float(part[mask > 0].sum()) * step**2
-    return both / max(float(np.count_nonzero(mask)) * step**2 + total - both, 1e-6)
+    return both / max(float(np.count_nonzero(mask)) * step**2 + total - both, TINY_AREA)

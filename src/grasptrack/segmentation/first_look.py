@@ -14,19 +14,18 @@ from typing import Any
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import arguments
-from grasptrack.errors import InputError, ObservationError
+from grasptrack.errors import ObservationError
 from grasptrack.first_image import DEFAULT_SURE, FIRST_IMAGE_CHECKS, FirstImage
-from grasptrack.geometry.contours import View
 from grasptrack.images import as_scene, to_bgr, to_mask
-from grasptrack.segmentation.candidate import Candidate, contains_pixel
-from grasptrack.segmentation.candidate_search import MIN_EXTENT, CandidateSearch, is_same_region
-from grasptrack.segmentation.proposals import Proposal
-from grasptrack.segmentation.regions import Segmenter
-from grasptrack.segmentation.segmenters import OneMask, segmenter_for
+from grasptrack.segmentation.candidate import Candidate, numbered_candidate, remove_nested
+from grasptrack.segmentation.candidate_search import CandidateSearch
+from grasptrack.segmentation.proposals import MIN_EXTENT, OutlineProposal
+from grasptrack.segmentation.segmenters import OneMask, Segmenter, segmenter_for
 from grasptrack.segmentation.several_frames import ask_more_frames
+from grasptrack.typing import Pixels
 
-MOSTLY = 0.75
-"""Share of an outline within another one that makes it a part of that."""
+TINY_EXTENT = 5
+"""px across; less is noise, and not said to be too small."""
 
 
 @arguments.checked(
@@ -106,19 +105,6 @@ def look_for(
     return [c._replace(sure=c.probability >= said.sure) for c in find_candidates(scene, said, segmenter)]
 
 
-def segment_object(
-    image: NDArray[Any],
-    object_at: ArrayLike | None = None,
-    ignore: NDArray[Any] | None = None,
-    box: Sequence[float] | None = None,
-) -> View:
-    """Outline of the flat object that stands out in an image, or of the one under a pixel or in a box.
-
-    Args and errors as of `first_look`.
-    """
-    return first_look(image, object_at, box=box, ignore=ignore)[0].view
-
-
 def find_objects(
     image: NDArray[Any],
     said: FirstImage | None = None,
@@ -147,81 +133,31 @@ def find_objects(
     return remove_nested([numbered_candidate(meant, said.number), *others])
 
 
-def remove_nested(found: list[Candidate]) -> list[Candidate]:
-    """Those that neither lie within a better one, as its parts do, nor round it."""
-    kept: list[Candidate] = []
-    for c in found:
-        if not any(_share_within(c.view, o.view) + _share_within(o.view, c.view) > 0.5 for o in kept):
-            kept.append(c)
-    return kept
-
-
-def distinct_candidates(found: Sequence[Candidate], most: int = 3) -> list[Candidate]:
-    """The likeliest candidates that a person would tell apart."""
-    kept: list[Candidate] = []
-    for c in found:
-        if len(kept) < most and not any(is_same_region(c.view, o.view) for o in kept):
-            kept.append(c)
-    return kept
-
-
-def numbered_candidate(found: Sequence[Candidate], number: int | None) -> Candidate:
-    """Of the candidates that a person would tell apart the one with a number, 1 being the likeliest; the likeliest of None.
-
-    Raises:
-        InputError: there are fewer.
-    """
-    told_apart = distinct_candidates(found, number or 1)
-    if len(told_apart) < (number or 1):
-        raise InputError(f"there are {len(told_apart)} candidates, not {number}", number=number)
-    return told_apart[-1]
-
-
-def describe_candidate(candidate: Candidate, first: Candidate) -> str:
-    """How a candidate lies to the first one, for a person: "round it, 3.1 times as large", "within it", "elsewhere"."""
-    times = candidate.view.outer.area / first.view.outer.area
-    cut = ", cut by the image's border" if candidate.view.is_clipped else ""
-    if _share_within(first.view, candidate.view) > MOSTLY:
-        return f"round it, {times:.1f} times as large{cut}"
-    if _share_within(candidate.view, first.view) > MOSTLY:
-        return f"within it, {100.0 * times:.0f} % of its area{cut}"
-    return f"elsewhere{cut}"
-
-
 def find_candidates(
-    image: NDArray[Any], hints: FirstImage | None = None, segmenter: Segmenter | None = None
+    colours: Pixels, said: FirstImage | None = None, segmenter: Segmenter | None = None
 ) -> list[Candidate]:
-    """As `first_look`, of hints that fit the image.
+    """As `first_look`, of an image (H, W) or BGR (H, W, 3) of 8 bits, and of what is said that fits it.
 
     Raises:
         ObservationError: no object, or none there.
         InputError: a segmenter's region of another size.
     """
-    hints = FirstImage() if hints is None else hints
-    look = CandidateSearch(to_bgr(image), hints, segmenter)
+    said = FirstImage() if said is None else said
+    look = CandidateSearch(colours, said, segmenter)
     found = look.candidates()
     if not found:
-        raise _no_object_error(look.meant, hints)
-    if hints.is_pointed_at or hints.masked or isinstance(segmenter, OneMask):
+        raise _no_object_error(look.meant, said)
+    if said.is_pointed_at or said.masked or isinstance(segmenter, OneMask):
         return found
-    later = replace(hints, not_at=(), background=None, more=())  # they are of the first image
-    return ask_more_frames(
-        found, look.colours, hints.more, lambda seen: find_candidates(seen, later, segmenter), hints.sure
-    )
+    later = replace(said, not_at=(), background=None, more=())  # they are of the first image
+    return ask_more_frames(found, colours, said.more, lambda seen: find_candidates(seen, later, segmenter), said.sure)
 
 
-def _no_object_error(meant: list[Proposal], hints: FirstImage) -> ObservationError:
+def _no_object_error(meant: list[OutlineProposal], said: FirstImage) -> ObservationError:
     """Why there is no object."""
-    where = hints.place()
-    tiny = max((e for p in meant if (e := max(p.silhouette.box[2:])) < MIN_EXTENT), default=0)
-    if tiny >= 5:
-        return ObservationError(
-            f"the object{where} is {tiny} px across; at least {MIN_EXTENT} px are needed", extent=tiny
-        )
-    return ObservationError(f"no object stands out{where or ' in the image'}", object_at=hints.object_at, box=hints.box)
-
-
-def _share_within(inner: View, outer: View) -> float:
-    """Share of an outline's points, of some thirty, that lie within another."""
-    points = inner.outer.points[:: max(1, len(inner.outer) // 30)].tolist()
-    return sum(contains_pixel(outer, x, y) for x, y in points) / len(points)
+    where = said.place()
+    extent = max((p.silhouette.extent for p in meant if p.silhouette.extent < MIN_EXTENT), default=0)
+    if extent >= TINY_EXTENT:
+        text = f"the object{where} is {extent} px across; at least {MIN_EXTENT} px are needed"
+        return ObservationError(text, extent=extent)
+    return ObservationError(f"no object stands out{where or ' in the image'}", object_at=said.object_at, box=said.box)

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.images import to_bgr
-from grasptrack.segmentation.closed_edges import RECIPES, ClosedEdgeSegmenter
-from grasptrack.segmentation.normalized_gradient import lab_planes
+from grasptrack.segmentation.closed_edges import RECIPES, ClosedEdgeSegmenter, lab_planes
 from grasptrack.typing import Floats
 
 SNAP = 5.0
 """px within which a click goes to an edge, in an image that is not reduced."""
-REMEMBERED = 4
+MAX_MAPS = 4
 """Clicks from which the paths to all pixels are kept: those on either side of one that is dragged, and more."""
 
 Pixel = tuple[int, int]
@@ -54,7 +53,7 @@ class LiveWire:
         self._snap = SNAP if snap is None else snap / self._shrink
         if not self._snap >= 0.0:
             raise InputError(f"snap is 0 or more px, not {snap:g}", snap=snap)
-        self._off_edge = np.where(field.thin(RECIPES[0][1]) > 0, np.uint8(0), np.uint8(1))
+        self._off_edge = np.where(field.thin_edges(RECIPES[0].level) > 0, np.uint8(0), np.uint8(1))
         self._weakness = np.asarray(1.0 / (1.0 + field.strength), dtype=np.float32)
         self._direction = field.direction
         self._scissors: dict[Pixel, Any] = {}
@@ -91,7 +90,7 @@ class LiveWire:
         Raises:
             InputError: outside the image.
         """
-        self._points, self._pieces = [self._snapped(x, y)], []
+        self._points, self._pieces = [self._snap_click(x, y)], []
         return self.points[0]
 
     @arguments.checked(
@@ -105,7 +104,7 @@ class LiveWire:
             InputError: outside the image, not begun, or closed already.
         """
         self._check_open()
-        return self._to_image(self._piece(self._points[-1], self._snapped(x, y)))
+        return self._to_image(self._find_piece(self._points[-1], self._snap_click(x, y)))
 
     @arguments.checked(
         x=arguments.number,
@@ -121,8 +120,8 @@ class LiveWire:
             InputError: as of `path_to`.
         """
         self._check_open()
-        at = self._snapped(x, y)
-        piece = self._piece(self._points[-1], at)
+        at = self._snap_click(x, y)
+        piece = self._find_piece(self._points[-1], at)
         self._points.append(at)
         self._pieces.append(piece)
         return self._to_image(piece)
@@ -139,7 +138,7 @@ class LiveWire:
         self._check_open()
         if len(self._points) < 3:
             raise InputError(f"an outline takes at least three clicks, not {len(self._points)}")
-        self._pieces.append(self._piece(self._points[-1], self._points[0]))
+        self._pieces.append(self._find_piece(self._points[-1], self._points[0]))
         return self.path
 
     @arguments.checked(
@@ -159,10 +158,10 @@ class LiveWire:
         n = len(self._points)
         if not 0 <= k < n:
             raise InputError(f"there is no click {k}: there are {n}, counted from 0", k=k)
-        self._points[k] = self._snapped(x, y)
+        self._points[k] = self._snap_click(x, y)
         for piece in {(k - 1) % n, k}:
             if piece < len(self._pieces):
-                self._pieces[piece] = self._piece(self._points[piece], self._points[(piece + 1) % n])
+                self._pieces[piece] = self._find_piece(self._points[piece], self._points[(piece + 1) % n])
         return self.path
 
     def _check_open(self) -> None:
@@ -175,7 +174,7 @@ class LiveWire:
         """(n, 2) px of the image, of pixels (n, 2) of the reduced one."""
         return np.asarray(chain * self._shrink + 0.5 * (self._shrink - 1), dtype=np.float64)
 
-    def _snapped(self, x: float, y: float) -> Pixel:
+    def _snap_click(self, x: float, y: float) -> Pixel:
         """The nearest pixel of an edge, if one is near; of the reduced image."""
         width, height = self._size
         if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
@@ -192,7 +191,7 @@ class LiveWire:
         nearest = int(away.argmin())
         return int(right[nearest]) + left, int(down[nearest]) + top
 
-    def _piece(self, start: Pixel, end: Pixel) -> NDArray[np.int32]:
+    def _find_piece(self, start: Pixel, end: Pixel) -> NDArray[np.int32]:
         """(n, 2) pixels along edges; it depends on its ends alone, not on what was asked before."""
         scissors = self._scissors.pop(start, None)
         if scissors is None:
@@ -200,6 +199,6 @@ class LiveWire:
             scissors.applyImageFeatures(self._off_edge, self._direction, self._weakness)
             scissors.buildMap(start)
         self._scissors[start] = scissors
-        while len(self._scissors) > REMEMBERED:
+        while len(self._scissors) > MAX_MAPS:
             del self._scissors[next(iter(self._scissors))]
         return np.asarray(scissors.getContour(end), dtype=np.int32).reshape(-1, 2)

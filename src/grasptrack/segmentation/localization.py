@@ -1,35 +1,55 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the pixel chain around a silhouette to a sub-pixel contour, each point localised along its normal."""
+"""From the pixel chain around a silhouette to a sub-pixel contour, and its holes: where the background is seen, not print."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
+from grasptrack.errors import ContourError
 from grasptrack.geometry.contours import Contour
 from grasptrack.images import Grey
 from grasptrack.kernels.results import TraceOptions
-from grasptrack.typing import Floats
+from grasptrack.segmentation.closed_edges import Planes
+from grasptrack.segmentation.silhouettes import MIN_AREA, Chain, Silhouette, to_binary, trace_silhouettes
+from grasptrack.typing import Bools, Floats
 
 SPACING = 1.0
 """px between contour points."""
 MAX_POINTS = 1600
 SMOOTHING = 4.0
 """px of outline over which the steps of the chain are averaged before the edge search."""
-REACH = 4.0
+EDGE_REACH = 4.0
 """px on either side of the silhouette's boundary in which the edge is searched; thresholds are off by at most this."""
 OUTLIER = 1.0
 """px; an edge farther from the median of its neighbours is a different edge."""
 BORDER = 1.5
 """px; a point nearer to the image border counts as cut off."""
-BESIDE = 3.0
+HIDDEN_MARGIN = 3.0
 """px; the same for ignored pixels, before which a silhouette ends a little early."""
 
+MIN_SHARPNESS = 0.5
+"""Least strength of a hole's edge relative to the outer one; print is seldom as sharp."""
+HOLE_CONTRAST = 0.25
+"""A hole shows the same background as around the object, within this fraction of the contrast."""
+MAX_HOLES = 12
+"""Holes that are examined, the largest first."""
+MIN_HOLE_SHARE = 0.004
+"""Smallest hole found by colour alone, as a share of its object."""
+ALIKE = 3.0
+"""The background in a hole differs from that around the object by at most this many times its noise."""
+MIN_RIM = 3
+"""px, least width of material between a hole and the outline; what reaches the outline is a notch, or enclosed
+background."""
+WINDOW_MARGIN = 12
+"""px of background around the object that are examined."""
+TOLERANCE = 1e-6
 
-class Localised(NamedTuple):
+
+class LocalizedContour(NamedTuple):
     """A contour with the median grey levels on its inner and outer side."""
 
     contour: Contour
@@ -38,15 +58,9 @@ class Localised(NamedTuple):
 
 
 def localize_contour(
-    grey: Grey,
-    chain: NDArray[np.int32],
-    *,
-    hole: bool,
-    polarity: int,
-    hidden: Grey | None = None,
-    reach: float = REACH,
-) -> Localised:
-    """Sub-pixel contour from the chain (N, 2) of a silhouette's boundary pixels.
+    grey: Grey, chain: Chain, *, hole: bool, polarity: int, hidden: Grey | None = None, reach: float = EDGE_REACH
+) -> LocalizedContour:
+    """Sub-pixel contour from the chain (N, 2) of a silhouette's boundary pixels, each point moved along its normal.
 
     Args:
         grey: (H, W) image.
@@ -63,15 +77,80 @@ def localize_contour(
     points, strength, cut, inside, outside = kernels.trace_edges(grey, chain, hidden, how)
     if hidden is not None:
         cut = cut | _is_near_hidden(points, hidden)
-    return Localised(Contour.trusted(points, hole=hole, strength=strength, clipped=cut), inside, outside)
+    return LocalizedContour(Contour.trusted(points, hole=hole, strength=strength, clipped=cut), inside, outside)
 
 
-def _is_near_hidden(points: Floats, hidden: Grey) -> NDArray[np.bool_]:
-    """(N,) whether a pixel within BESIDE px along the axes is ignored. A silhouette ends just before such pixels."""
+def _is_near_hidden(points: Floats, hidden: Grey) -> Bools:
+    """(N,) whether a pixel within HIDDEN_MARGIN px along the axes is ignored. A silhouette ends just before such pixels."""
     height, width = hidden.shape
     found = np.zeros(len(points), dtype=np.bool_)
-    for dx, dy in ((BESIDE, 0.0), (-BESIDE, 0.0), (0.0, BESIDE), (0.0, -BESIDE)):
+    for dx, dy in ((HIDDEN_MARGIN, 0.0), (-HIDDEN_MARGIN, 0.0), (0.0, HIDDEN_MARGIN), (0.0, -HIDDEN_MARGIN)):
         x = np.rint(np.clip(points[:, 0] + dx, 0, width - 1)).astype(np.intp)
         y = np.rint(np.clip(points[:, 1] + dy, 0, height - 1)).astype(np.intp)
         found |= hidden[y, x] != 0
     return found
+
+
+def localize_holes(
+    grey: Grey, chains: list[Chain], outer: LocalizedContour, polarity: int, hidden: Grey | None
+) -> list[Contour]:
+    """The holes whose edge is sharp and shows the background around the outer contour; print seldom does both."""
+    found = (_localize_hole(grey, chain, outer, polarity, hidden) for chain in chains[:MAX_HOLES])
+    return [hole for hole in found if hole is not None]
+
+
+def _localize_hole(
+    grey: Grey, chain: Chain, outer: LocalizedContour, polarity: int, hidden: Grey | None
+) -> Contour | None:
+    try:
+        hole = localize_contour(grey, chain, hole=True, polarity=polarity, hidden=hidden)
+    except ContourError:
+        return None
+    strength, reference = hole.contour.strength, outer.contour.strength
+    if strength is None or reference is None:
+        return None
+    if _lower_quintile(strength) < MIN_SHARPNESS * float(np.median(reference)):
+        return None
+    if polarity and not abs(hole.outside - outer.outside) <= HOLE_CONTRAST * abs(outer.outside - outer.inside):
+        return None
+    return hole.contour
+
+
+def _lower_quintile(values: Floats) -> float:
+    """The value below which a fifth of the values lie."""
+    k = len(values) // 5
+    return float(np.partition(values, k)[k])
+
+
+def background_within(image: Planes, shape: Silhouette) -> list[Chain]:
+    """Pixel chains around the places within a silhouette that look like the background, the largest first.
+
+    The background around the silhouette is extrapolated to its inside by a wide average.
+
+    Args:
+        image: planes.
+        shape: the silhouette.
+    """
+    left, top, right, bottom = shape.window(WINDOW_MARGIN, image.shape)
+    window = np.ascontiguousarray(image[top:bottom, left:right])
+    filled = shape.fill((left, top, right, bottom))
+    outside = (cv2.dilate(filled, np.ones((7, 7), np.uint8)) == 0).astype(np.float32)
+    if not outside.any():
+        return []
+    wide = (2 * (shape.extent // 2) + 1,) * 2  # a box filter: a Gaussian this wide is slow
+    weight = cv2.blur(outside, wide) + TOLERANCE
+    background = cv2.blur(window * outside[:, :, None], wide).reshape(window.shape) / weight[:, :, None]
+    soft = cv2.GaussianBlur(window, (0, 0), 1.0).reshape(window.shape)
+    away = np.sqrt(((soft - background) ** 2).sum(axis=2))
+    grain = float(np.median(away[outside > 0]))
+    deep = cv2.erode(filled, np.ones((2 * MIN_RIM + 1, 2 * MIN_RIM + 1), np.uint8))
+    if not deep.any():
+        return []
+    limit = min(ALIKE * max(grain, 1.0), HOLE_CONTRAST * float(np.median(away[deep > 0])))
+    three = np.ones((3, 3), np.uint8)
+    alike = cv2.morphologyEx(to_binary((filled > 0) & (away <= limit)), cv2.MORPH_OPEN, three)
+    # the chain of a hole runs through the adjacent material
+    grown = np.asarray(cv2.dilate(alike, three), dtype=np.uint8)
+    found = trace_silhouettes(grown, max(MIN_HOLE_SHARE * shape.area, MIN_AREA), holes=False)
+    whole = [s for s in found if (deep[s.outer[:, 1], s.outer[:, 0]] > 0).all()]
+    return [s.outer + np.array([left, top], np.int32) for s in whole[:MAX_HOLES]]

@@ -1,64 +1,196 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Silhouettes that may be objects, from thresholds and closed edges, all rated alike."""
+"""Silhouettes that may be objects: whoever proposes some follows one protocol, and one rating judges all alike."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
+from itertools import chain
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack import kernels
-from grasptrack.images import Grey
-from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
-from grasptrack.segmentation.rating import NONE, Rating, SilhouetteScorer
-from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
-from grasptrack.segmentation.thresholds import candidate_thresholds
-from grasptrack.segmentation.work import RATED, Work
-from grasptrack.segmentation.work import THRESHOLD as THRESHOLD_COST
+from grasptrack.first_image import FirstImage
+from grasptrack.images import PLAIN, Grey
+from grasptrack.segmentation.closed_edges import RECIPES, ClosedEdgeSegmenter, NormalizedGradient, lab_planes
+from grasptrack.segmentation.quadrangles import find_quadrangles
+from grasptrack.segmentation.silhouettes import (
+    Silhouette,
+    candidate_thresholds,
+    polygon_silhouette,
+    threshold_mask,
+    to_binary,
+    trace_silhouettes,
+)
+from grasptrack.segmentation.work import (
+    CLOSING,
+    GRADIENTS,
+    PREPARED,
+    QUADRANGLES,
+    RATED,
+    SEARCH_SHARE,
+    THRESHOLDED,
+    WorkBudget,
+)
+from grasptrack.typing import Box, Floats32, Pixels, Point
 
-PER_THRESHOLD = 8
-"""Silhouettes of each threshold that are examined closely, the largest first."""
-LEAST_AREA = 150.0
-"""px^2, least area enclosed by closed edges."""
+MIN_EXTENT = 20
+"""px across; a smaller object has no outline worth following."""
+MIN_ENCLOSED = 150.0
+"""px^2, least area enclosed by closed edges, or in a segmenter's map."""
+PER_THRESHOLD, PER_MAP_LEVEL = 8, 4
+"""Silhouettes that are examined closely, the largest first."""
+MAP_LEVELS = (0.06, 0.15, 0.3, 0.5, 0.7, 0.85)
+"""Levels at which a segmenter's map is cut: thin parts of an object fade in it."""
 ONE_LEVEL = 0.9
 """Factor on the rating of thresholds, which leave out parts of another grey: closed edges are preferred if both rate
 alike; ..."""
 ALIKE = 0.06
 """... but where box and area differ by less than this share of the size, both are the same region, and a threshold is
 simpler."""
-
-
+MIN_SIZE = 20.0
+"""px, square root of the area, that regions are compared by at least."""
 THRESHOLD, GIVEN = -1, -2
 """In the place of a recipe: a threshold found it; a segmenter or a person did."""
-MAP_LEVELS = (0.06, 0.15, 0.3, 0.5, 0.7, 0.85)
-"""Levels at which a segmenter's map is cut: thin parts of an object fade in it."""
-PER_LEVEL = 4
-"""Regions of each level."""
+
+# --- rating --------------------------------------------------------------------------------------
+
+ENOUGH = 4.0
+"""Units of noise; a stronger edge is no better. Otherwise a sharp part would win over the whole object."""
+NOTHING = 1.0
+"""Units of noise; noise alone reaches this."""
+CLOSED = 2.0
+"""Units of noise from which an edge counts as present."""
+COMPACT = 8.0
+"""An outline is smooth enough up to this many times a circle's length^2 / area."""
+CIRCLE = 4.0 * math.pi
+"""length^2 / area of a circle."""
+TOUCHING = 0.5
+"""Factor for each image side that the silhouette reaches."""
+BRIDGED, BRIDGED_GAP = 0.8, 16.0
+"""Factor for a closing that bridges gaps of so many px."""
+RATED_PIXELS = 200
+"""Pixels of an outline that are sampled."""
+RATED_SOFTENING = 0.7
+"""px, Gaussian blur of the edges' strength."""
 
 
-class Proposal(NamedTuple):
+class Rating(NamedTuple):
+    """How much an outline looks like that of an object, in terms between 0 and 1.
+
+    Attributes:
+        closed: share of the outline on an edge.
+        contrast: mean strength of the edge along it, capped at ENOUGH.
+        complete: not cut by the image's border.
+        smooth: short for the area it encloses.
+        exact: found without bridging wide gaps.
+        size: square root of the convex hull's length over the image's width and height; large outlines are less likely
+            to arise by chance.
+        in_view: `closed` times `contrast` of the part of the outline that is not at the image's border.
+    """
+
+    closed: float
+    contrast: float
+    complete: float
+    smooth: float
+    exact: float
+    size: float
+    in_view: float = 0.0
+
+    @property
+    def score(self) -> float:
+        """The product of the first six."""
+        return self.closed * self.contrast * self.complete * self.smooth * self.exact * self.size
+
+    @property
+    def score_in_view(self) -> float:
+        """The same of the part in view, however much the image's border cuts."""
+        return self.in_view * self.smooth * self.exact * self.size
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether the image's border cuts the region."""
+        return 0.0 < self.complete < 1.0
+
+
+UNRATED = Rating(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""The rating of a silhouette that was not examined."""
+
+
+class SilhouetteScorer:
+    """Rates silhouettes by the edges of one image.
+
+    Args:
+        field: gradients, possibly of a reduced image.
+        shrink: image px per px of the field.
+        size: height and width of the image.
+    """
+
+    def __init__(self, field: NormalizedGradient, shrink: int, size: tuple[int, ...]) -> None:
+        soft = cv2.GaussianBlur(field.strength, (0, 0), RATED_SOFTENING)
+        self._strength = np.asarray(cv2.dilate(soft, np.ones((3, 3), np.uint8)), dtype=np.float32)
+        self._shrink, self._size = shrink, size
+
+    def rate(self, shape: Silhouette, bridge: float = 0.0) -> Rating:
+        """Rate a silhouette; `bridge` px is the widest gap that a closing bridged for it."""
+        chain = shape.outer[:: max(1, len(shape.outer) // RATED_PIXELS)]
+        height, width = self._strength.shape
+        column, row = np.minimum(chain // self._shrink, (width - 1, height - 1)).T
+        strength = self._strength[row.clip(0), column.clip(0)]
+        ring = shape.outer.reshape(-1, 1, 2)
+        length, around = cv2.arcLength(ring, True), cv2.arcLength(cv2.convexHull(ring), True)
+        compact = CIRCLE * shape.area / max(length, 1.0) ** 2
+        # a closing shrinks back from the border by its radius
+        sides = self._near_image_sides(chain, 0.5 * bridge + 2.0 * self._shrink)
+        outside = sides.any(axis=0)
+        shown = strength[~outside]
+        return Rating(
+            _edge_share(strength),
+            max(_edge_contrast(strength), 0.0),
+            (1.0 - float(outside.mean())) ** 2 * TOUCHING ** int(sides.any(axis=1).sum()),
+            math.sqrt(min(1.0, COMPACT * compact)),
+            BRIDGED ** (bridge / (BRIDGED_GAP * self._shrink)),
+            min(1.0, math.sqrt(around / sum(self._size))),
+            _edge_share(shown) * max(_edge_contrast(shown), 0.0) if len(shown) else 0.0,
+        )
+
+    def _near_image_sides(self, chain: NDArray[np.int32], near: float) -> NDArray[np.bool_]:
+        """(4, N) whether each pixel of the chain lies at each image side."""
+        (x, y), (high, wide) = chain.T, self._size
+        return np.stack([x <= near, y <= near, x >= wide - 1 - near, y >= high - 1 - near])
+
+
+def _edge_share(strength: Floats32) -> float:
+    return float((strength > CLOSED).mean())
+
+
+def _edge_contrast(strength: Floats32) -> float:
+    return float((np.minimum(strength, ENOUGH) - NOTHING).mean()) / (ENOUGH - NOTHING)
+
+
+# --- proposals -----------------------------------------------------------------------------------
+
+
+class OutlineProposal(NamedTuple):
     """A silhouette that may be an object.
 
     Attributes:
         silhouette: the region.
         rating: of its outline.
         polarity: +1 darker than its surroundings, -1 lighter, 0 unknown.
-        level: grey level of the threshold that found it; NaN for closed edges.
-        bridge: px, the widest gap that was bridged.
+        level: grey level of the threshold that found it; NaN for all else.
         recipe: which closing of edges found it; THRESHOLD or GIVEN.
         grain: Lab units per px of the image's own slopes, as that closing saw them.
     """
 
     silhouette: Silhouette
     rating: Rating
-    polarity: int
-    level: float
-    bridge: float
-    recipe: int
+    polarity: int = 0
+    level: float = math.nan
+    recipe: int = GIVEN
     grain: float = math.nan
 
     @property
@@ -66,93 +198,148 @@ class Proposal(NamedTuple):
         """What proposals are ordered by before they are compared closely."""
         return self.rating.score * (ONE_LEVEL if self.recipe == THRESHOLD else 1.0)
 
+    @property
+    def simplicity(self) -> int:
+        """Of the same region what a threshold found is the simplest to find again, then what a closing did."""
+        return 2 if self.recipe == THRESHOLD else int(self.recipe != GIVEN)
 
-def propose_silhouettes(
-    grey: Grey,
-    scenery: ClosedEdgeSegmenter,
-    hidden: Grey | None,
-    masked: bool,
-    extent: float,
-    maps: Sequence[NDArray[np.float32]] = (),
-    shapes: Sequence[Silhouette] = (),
-    work: Work | None = None,
-) -> list[Proposal]:
+
+class Scene:
+    """A first image as all who propose outlines see it, prepared once.
+
+    Args:
+        colours: (H, W) or BGR (H, W, 3), 8 bit.
+        said: what a person says of it.
+
+    Attributes:
+        grey: (H, W).
+        planes: (H, W, C) lightness and chroma.
+        edges: of the image, reduced where it is large.
+        scorer: rates outlines in it.
+        work: bound of the search.
+    """
+
+    def __init__(self, colours: Pixels, said: FirstImage) -> None:
+        self.colours, self.said = colours, said
+        self.grey: Grey = PLAIN.grey(colours)
+        self.planes = lab_planes(colours)
+        self.edges = ClosedEdgeSegmenter(self.planes, said.hidden)
+        self.scorer = SilhouetteScorer(self.edges.fields[0], self.edges.shrink, self.grey.shape)
+        self.work = WorkBudget(said.first_look_ms)
+        self.work.spend(PREPARED.of(self.grey.size) + GRADIENTS.of(self.reduced_size))
+
+    @property
+    def reduced_size(self) -> int:
+        """Pixels of the reduced image."""
+        height, width = self.edges.planes.shape[:2]
+        return int(height * width)
+
+    def to_reduced(self, at: Point) -> Point:
+        """A point (x, y) px of the image in px of the reduced one."""
+        px = self.edges.shrink
+        return (at[0] - 0.5 * (px - 1)) / px, (at[1] - 0.5 * (px - 1)) / px
+
+
+class Proposer(Protocol):
+    """Whoever proposes outlines in an image."""
+
+    def __call__(self, scene: Scene) -> Iterable[OutlineProposal]:
+        """Regions that may be objects, rated."""
+        ...
+
+
+def propose_thresholds(scene: Scene) -> Iterator[OutlineProposal]:
+    """Objects of one grey level: by Otsu's thresholds; of a mask what is light."""
+    grey, said = scene.grey, scene.said
+    soft = np.asarray(cv2.GaussianBlur(grey, (3, 3), 0), dtype=np.uint8)
+    for level in candidate_thresholds(soft if said.hidden is None else soft[said.hidden == 0]):
+        for polarity in (-1,) if said.masked else (1, -1):
+            scene.work.spend(THRESHOLDED.of(grey.size) + RATED * PER_THRESHOLD)
+            mask = threshold_mask(grey, level, polarity, said.hidden)
+            for shape in trace_silhouettes(mask)[:PER_THRESHOLD]:
+                rating = scene.scorer.rate(shape) if shape.extent >= MIN_EXTENT else UNRATED
+                yield OutlineProposal(shape, rating, polarity, level, THRESHOLD)
+
+
+def propose_closed_edges(scene: Scene) -> Iterator[OutlineProposal]:
+    """Objects of any colours: what closed edges enclose, by each recipe, as far as the work is allowed; of a mask nothing."""
+    cost = CLOSING.of(scene.reduced_size)
+    for index, recipe in enumerate(() if scene.said.masked else RECIPES):
+        if not scene.work.allows(cost, SEARCH_SHARE):
+            break
+        bridge, unit = 2.0 * recipe.radius * scene.edges.shrink, scene.edges.fields[recipe.softening].unit
+        for shape in scene.edges.enclosed(recipe, MIN_ENCLOSED, MIN_EXTENT):
+            scene.work.spend(RATED)
+            yield OutlineProposal(shape, scene.scorer.rate(shape, bridge), recipe=index, grain=unit)
+        scene.work.spend(cost)
+
+
+def propose_quadrangles(scene: Scene) -> Iterator[OutlineProposal]:
+    """Sheets and boxes: quadrangles of straight edges where a person points."""
+    said, px = scene.said, scene.edges.shrink
+    at, cost = said.object_at[0] if said.object_at else _box_middle(said.box), QUADRANGLES.of(scene.grey.size / px**2)
+    if said.masked or at is None or not scene.work.allows(cost):
+        return
+    scene.work.spend(cost)
+    for corners in find_quadrangles(scene.edges.planes, scene.to_reduced(at)):
+        shape = polygon_silhouette(corners * px + 0.5 * (px - 1), scene.grey.shape)
+        if shape is not None:
+            yield OutlineProposal(shape, scene.scorer.rate(shape))
+
+
+def propose_from_maps(scene: Scene, maps: Sequence[Floats32]) -> Iterator[OutlineProposal]:
+    """What a segmenter's maps (H, W), 0 to 1, show at several levels."""
+    for each in maps:
+        for level in MAP_LEVELS:
+            for shape in trace_silhouettes(to_binary(each > level), MIN_ENCLOSED, holes=False)[:PER_MAP_LEVEL]:
+                if shape.extent >= MIN_EXTENT:
+                    yield OutlineProposal(shape, scene.scorer.rate(shape))
+
+
+def propose_masks(scene: Scene, maps: Sequence[Floats32]) -> list[OutlineProposal]:
+    """The regions of a user's own segmentation, and nothing else, in their order."""
+    shapes = chain.from_iterable(trace_silhouettes(to_binary(each > 0.5), holes=False) for each in maps)
+    return [OutlineProposal(shape, scene.scorer.rate(shape)) for shape in shapes]
+
+
+def propose_silhouettes(scene: Scene, maps: Sequence[Floats32] = ()) -> list[OutlineProposal]:
     """All silhouettes of an image, the best rated first, each once.
 
     Args:
-        grey: (H, W).
-        scenery: the image's edges.
-        hidden: (H, W) nonzero where nothing belongs to the scene.
-        masked: the image is a softened mask: only what is light is meant, and thresholds find all of it.
-        extent: px across; what is smaller is not rated, and not looked for by closed edges.
+        scene: the image.
         maps: (H, W) each, 0 to 1: a segmenter's regions.
-        shapes: regions that were found otherwise.
-        work: bound of the search, in which thresholds come first, being cheap.
     """
-    work = Work() if work is None else work
-    rater = SilhouetteScorer(scenery.fields[0], scenery.shrink, grey.shape)
-    found: list[Proposal] = []
-    soft: Grey = np.asarray(cv2.GaussianBlur(grey, (3, 3), 0), dtype=np.uint8)
-    for level in candidate_thresholds(soft if hidden is None else soft[hidden == 0]):
-        for polarity in (-1,) if masked else (1, -1):
-            work.spend(THRESHOLD_COST * grey.size / 1e6 + RATED * PER_THRESHOLD)
-            for shape in threshold_silhouettes(grey, level, polarity, hidden)[:PER_THRESHOLD]:
-                rating = rater.rate(shape) if max(shape.box[2:]) >= extent else NONE
-                found.append(Proposal(shape, rating, polarity, level, 0.0, THRESHOLD))
-    if not masked:
-        for closure in scenery.closures(LEAST_AREA, extent, work):
-            rating = rater.rate(closure.silhouette, closure.bridge)
-            found.append(
-                Proposal(closure.silhouette, rating, 0, math.nan, closure.bridge, closure.recipe, closure.grain)
-            )
-    for each in maps:
-        for share in MAP_LEVELS:
-            binary = np.where(each > share, np.uint8(255), np.uint8(0))
-            for shape in trace_silhouettes(binary, LEAST_AREA, holes=False)[:PER_LEVEL]:
-                if max(shape.box[2:]) >= extent:
-                    found.append(Proposal(shape, rater.rate(shape), 0, math.nan, 0.0, GIVEN))
-    found.extend(Proposal(shape, rater.rate(shape), 0, math.nan, 0.0, GIVEN) for shape in shapes)
-    found.sort(key=lambda p: -p.worth)
-    return _remove_duplicates(found)
+    pointed_at = list(propose_quadrangles(scene))  # before all else, while the work allows it
+    proposers: tuple[Proposer, ...] = (propose_thresholds, propose_closed_edges, partial(propose_from_maps, maps=maps))
+    found = [*chain.from_iterable(propose(scene) for propose in proposers), *pointed_at]
+    return _remove_duplicates(sorted(found, key=lambda p: -p.worth))
 
 
-def threshold_silhouettes(
-    grey: Grey, level: float, polarity: int, hidden: Grey | None, least: float = 30.0
-) -> list[Silhouette]:
-    """Regions darker (polarity +1) or lighter (-1) than a level, of at least `least` px^2, the largest first."""
-    binary = kernels.blur_threshold(grey, 0, 0, grey.shape[1], grey.shape[0], level, polarity)
-    if hidden is not None:
-        binary[hidden != 0] = 0
-    return trace_silhouettes(binary, least)
+def _box_middle(box: Box | None) -> Point | None:
+    return None if box is None else (box[0] + 0.5 * box[2], box[1] + 0.5 * box[3])
 
 
 def is_alike(one: Silhouette, other: Silhouette) -> bool:
     """Whether two silhouettes are nearly the same region."""
     (x, y, w, h), (u, v, p, q) = one.box, other.box
-    size = math.sqrt(other.area)
+    tolerance = 0.5 * ALIKE * (size := math.sqrt(other.area))
     corners = max(abs(x - u), abs(y - v), abs(x + w - u - p), abs(y + h - v - q))
-    return corners < 0.5 * ALIKE * size and abs(math.sqrt(one.area) - size) < 0.25 * ALIKE * size
+    return corners < tolerance and abs(math.sqrt(one.area) - size) < 0.5 * tolerance
 
 
-def _remove_duplicates(found: list[Proposal]) -> list[Proposal]:
+def _remove_duplicates(found: list[OutlineProposal]) -> list[OutlineProposal]:
     """Of those that are the same region the first, or the first that a threshold found."""
-    kept: list[Proposal] = []
+    kept: list[OutlineProposal] = []
     places = np.zeros((len(found), 5))
     for p in found:
         x, y, w, h = p.silhouette.box
-        place = np.array([x, y, x + w, y + h, 2.0 * math.sqrt(p.silhouette.area)])
-        limit = ALIKE * max(math.sqrt(p.silhouette.area), 20.0)
-        same = np.flatnonzero(np.abs(places[: len(kept)] - place).max(axis=1, initial=0.0) < limit)
+        size = math.sqrt(p.silhouette.area)
+        place = np.array([x, y, x + w, y + h, 2.0 * size])
+        away = np.abs(places[: len(kept)] - place).max(axis=1, initial=0.0)
+        same = np.flatnonzero(away < ALIKE * max(size, MIN_SIZE))
         if not len(same):
             places[len(kept)] = place
             kept.append(p)
-            continue
-        own = kept[same[0]]
-        if _simplicity(p) > _simplicity(own):
+        elif p.simplicity > kept[same[0]].simplicity:
             kept[same[0]] = p
     return sorted(kept, key=lambda p: -p.worth)
-
-
-def _simplicity(p: Proposal) -> int:
-    """Of the same region what a threshold found is the simplest to find again, then what a closing did."""
-    return 2 if p.recipe == THRESHOLD else int(p.recipe != GIVEN)

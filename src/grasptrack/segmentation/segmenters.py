@@ -1,31 +1,73 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where regions come from beside this package's own search: one protocol for nets, a user's function, other packages.
 
-`segmenter_for` turns what a user names into a segmenter: "classical" (nothing beside the own search), "onnx:FILE" (a net
-that maps salient objects, run by OpenCV), "sam:ENCODER,DECODER" or "sam:FOLDER" (one that is asked by clicks), the name of a
-model or of an entry point `grasptrack.segmenters`, an object that follows the protocol, or one with `segment(image)`, or a
-function of an image, that returns one mask.
+`segmenter_for` turns what a user names into a segmenter: "classical" (nothing beside the own search), a name that is
+registered as an entry point `grasptrack.segmenters`, or "NAME:FILES" of one that is made from files, as our nets are
+(`grasptrack.nets`); an object that follows the protocol, or one with `segment(image)`, or a function of an image, that
+returns one mask.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any, Protocol, cast, runtime_checkable
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
 from grasptrack.first_image import FirstImage
+from grasptrack.images import to_mask
 from grasptrack.plugins import load_plugin, plugin_names
-from grasptrack.segmentation.models import MODELS, installed_files, model_named
-from grasptrack.segmentation.promptable import PromptableNet, net_of_files
-from grasptrack.segmentation.regions import Region, Segmenter
-from grasptrack.typing import Pixels
+from grasptrack.typing import Floats32, Pixels
 
 CLASSICAL = "classical"
+FULL = 255.0
+"""What a mask has where it is set."""
+
+
+class Region(NamedTuple):
+    """One region that may be the object.
+
+    Attributes:
+        mask: (H, W) nonzero on it, or how likely each pixel belongs to it, 0 to 1 in floats.
+        probability: that it is the object, as far as the segmenter knows.
+        is_vote: it is one of several maps of the same thing, which are averaged; otherwise regions are alternatives, of which
+            one may be right.
+    """
+
+    mask: NDArray[Any]
+    probability: float = 1.0
+    is_vote: bool = False
+
+    def as_map(self, size: tuple[int, ...]) -> Floats32:
+        """(H, W) 0 to 1, how likely each pixel belongs to it.
+
+        Raises:
+            InputError: a mask of another size.
+        """
+        mask = np.asarray(self.mask)
+        if not np.issubdtype(mask.dtype, np.floating):
+            return np.asarray(to_mask(mask, tuple(size), "segmenter's mask") / FULL, dtype=np.float32)
+        if mask.shape != tuple(size):
+            raise InputError(
+                f"a segmenter's mask is {mask.shape}, but the image is {size[1]}x{size[0]} px", shape=mask.shape
+            )
+        return np.asarray(np.clip(np.nan_to_num(mask), 0.0, 1.0), dtype=np.float32)
+
+
+@runtime_checkable
+class Segmenter(Protocol):
+    """Proposes regions of an image. They pass through the same sub-pixel localisation as all others."""
+
+    def regions(self, image: Pixels, hints: FirstImage) -> Sequence[Region]:
+        """Regions that may be the object, the likeliest first.
+
+        Args:
+            image: (H, W) or BGR (H, W, 3).
+            hints: what a person said of it.
+        """
+        ...
 
 
 @runtime_checkable
@@ -34,6 +76,25 @@ class MaskSegmenter(Protocol):
 
     def segment(self, image: NDArray[Any]) -> NDArray[Any]:
         """(H, W) nonzero on objects, of an image (H, W) or (H, W, 3)."""
+        ...
+
+
+@runtime_checkable
+class SegmenterMaker(Protocol):
+    """A registered name under which a segmenter is made when it is asked for.
+
+    Attributes:
+        usage: what has to stand behind the name and a colon, for messages; empty where nothing may.
+    """
+
+    usage: str
+
+    def make(self, argument: str) -> Segmenter:
+        """The segmenter; of what stands behind the colon.
+
+        Raises:
+            InputError: it cannot be had.
+        """
         ...
 
 
@@ -52,66 +113,26 @@ class OneMask:
         return [Region(self.segment(image))]
 
 
-class SalientNet:
-    """A net that maps how salient each pixel is (U^2-Net, ISNet), run by OpenCV on the image and on its mirror image.
-
-    Args:
-        path: of the ONNX file.
-        side: px, side of the square that the net takes.
+def region_maps(regions: Sequence[Region], size: tuple[int, ...]) -> tuple[list[Floats32], list[Floats32]]:
+    """Maps (H, W), 0 to 1, in which regions are looked for, and those that a region may agree with: the mean of all votes, and
+    each alternative times its probability.
 
     Raises:
-        InputError: no file, or none that OpenCV can read as a net.
+        InputError: a mask of another size.
     """
-
-    MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-    """Of ImageNet's colours, red first: what such nets were trained on."""
-
-    def __init__(self, path: str | Path, side: int = 320) -> None:
-        self.path, self.side = Path(path), side
-        self._net = _read_net(self.path)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """A copy reads the file again."""
-        return SalientNet, (self.path, self.side)
-
-    def regions(self, image: Pixels, hints: FirstImage) -> Sequence[Region]:
-        """The map of the image, and that of its mirror image; a net knows nothing of hints, which choose afterwards."""
-        plain, mirrored = self.saliency(image), self.saliency(image[:, ::-1])[:, ::-1]
-        return [Region(plain, is_vote=True), Region(mirrored, is_vote=True)]
-
-    def saliency(self, image: Pixels) -> NDArray[np.float32]:
-        """(H, W) 0 to 1, how salient each pixel of an image (H, W) or BGR (H, W, 3) is.
-
-        Raises:
-            InputError: the net does not map an image to an image.
-        """
-        colours = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-        small = cv2.resize(colours, (self.side, self.side), interpolation=cv2.INTER_LINEAR)[:, :, ::-1]
-        bright = np.asarray(small, dtype=np.float32) / np.float32(max(float(small.max()), 1.0))
-        scaled = (bright - np.array(self.MEAN, np.float32)) / np.array(self.DEVIATION, np.float32)
-        try:
-            self._net.setInput(np.ascontiguousarray(scaled.transpose(2, 0, 1)[None], dtype=np.float32))
-            found = np.asarray(self._net.forward())
-        except cv2.error:
-            shape = f"(1, 3, {self.side}, {self.side})"
-            raise InputError(f'the model "{self.path}" does not run on an image of the shape {shape}') from None
-        if found.ndim != 4 or found.shape[1] != 1 or min(found.shape[2:]) < 8:
-            raise InputError(f'the model "{self.path}" gives {found.shape}, not a map (1, 1, h, w)', shape=found.shape)
-        plane = found[0, 0].astype(np.float32)
-        if plane.min() < -1e-3 or plane.max() > 1.0 + 1e-3:  # logits
-            plane = 1.0 / (1.0 + np.exp(-np.clip(plane, -30.0, 30.0)))
-        size = (image.shape[1], image.shape[0])
-        large = np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
-        return np.clip(large, 0.0, 1.0)
-
-
-def _read_net(path: Path) -> Any:
-    if not path.is_file():
-        raise InputError(f'there is no model file "{path}"', path=str(path))
-    try:
-        return cv2.dnn.readNetFromONNX(str(path))
-    except cv2.error:  # its text names files of OpenCV's own
-        raise InputError(f'"{path}" cannot be read as an ONNX model', path=str(path)) from None
+    shown: list[Floats32] = []
+    votes: list[Floats32] = []
+    alternatives: list[Floats32] = []
+    for region in regions:
+        shown.append(region.as_map(size))
+        weighted = shown[-1] * np.float32(np.clip(region.probability, 0.0, 1.0))
+        (votes if region.is_vote else alternatives).append(weighted)
+    if votes:
+        mean = np.mean(votes, axis=0).astype(np.float32)
+        alternatives.append(mean)
+        if len(votes) > 1:
+            shown.append(mean)
+    return shown, alternatives
 
 
 def segmenter_for(what: Any) -> Segmenter | None:
@@ -126,11 +147,7 @@ def segmenter_for(what: Any) -> Segmenter | None:
     if what is None or (isinstance(what, str) and what == CLASSICAL):
         return None
     if isinstance(what, str):
-        if what.startswith("onnx:"):
-            return SalientNet(what[len("onnx:") :])
-        if what.startswith("sam:"):
-            return net_of_files(what[len("sam:") :])
-        what = _named(what)
+        what = _named_segmenter(what)
     if isinstance(what, type):
         what = what()
     if isinstance(what, Segmenter):
@@ -142,25 +159,26 @@ def segmenter_for(what: Any) -> Segmenter | None:
     raise InputError(f"a segmenter has regions(image, hints) or segment(image), or is a function; not {what!r}")
 
 
-def _named(name: str) -> Any:
-    """A model, or a segmenter that a package registered.
+def _named_segmenter(text: str) -> Any:
+    """What is registered under a name, made of what stands behind the colon.
 
     Raises:
         InputError: none of that name, or it cannot be had.
     """
-    model = model_named(name)
-    if model is not None:
-        files = installed_files(model)
-        return SalientNet(files[0], model.side) if model.side is not None else PromptableNet(files[0], files[1])
+    name, colon, argument = text.partition(":")
     found = load_plugin("grasptrack.segmenters", name)
-    if found is None:
-        known = (
-            CLASSICAL,
-            "onnx:FILE",
-            "sam:ENCODER,DECODER",
-            *(m.name for m in MODELS),
-            *plugin_names("grasptrack.segmenters"),
-        )
-        choices = ", ".join(known)
-        raise InputError(f'unknown segmenter "{name}"; choose from {choices}', name=name)
+    if isinstance(found, SegmenterMaker) and bool(found.usage) is bool(colon):
+        return found.make(argument)
+    if found is None or colon or isinstance(found, SegmenterMaker):
+        choices = ", ".join([CLASSICAL, *_choices()])
+        raise InputError(f'unknown segmenter "{text}"; choose from {choices}', name=text)
     return found
+
+
+def _choices() -> Iterator[str]:
+    for name in plugin_names("grasptrack.segmenters"):
+        try:
+            usage = getattr(load_plugin("grasptrack.segmenters", name), "usage", "")
+        except InputError:
+            usage = ""
+        yield f"{name}:{usage}" if usage else name

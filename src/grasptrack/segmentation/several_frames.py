@@ -15,22 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import ObservationError
-from grasptrack.images import to_bgr, to_grey
+from grasptrack.images import PLAIN, to_bgr
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.registration import register_affine
 from grasptrack.typing import Floats
 
-MOST_FRAMES = 4
+MAX_FRAMES = 4
 """Images that are asked at most."""
-REFLECTIONS = 0.45
+REFLECTION_SHARE = 0.45
 """Of wrong first candidates the share that reflections made, 9 of 20 on photos of benches: the most that an object gains by
 lying still on its bench, for stains and print do so too."""
-FLOOR = 0.5
+MIN_SD = 0.5
 """px, the least standard deviation of a candidate's place in another image. Of what lay still in the first frames of real
 videos whose camera moved by up to 20 px, three in four were found within 0.5 px of where the bench took them."""
-TAILS = 3.0
+DEGREES = 3.0
 """Degrees of freedom of the t distribution of that place: now and then an outline takes in something more."""
-ALIKE = 0.2
+MATCH_DEVIATIONS = 3.0
+"""Standard deviations, beside the bench's own motion, within which a candidate is looked for."""
+NEAREST_SHARE = 0.25
+"""Of the candidates, those by which the registration is judged: ..."""
+RAYLEIGH_QUANTILE = math.sqrt(2.0 * math.log(1.0 / (1.0 - NEAREST_SHARE)))
+"""... the largest of their distances, in standard deviations of a place along each axis."""
+SAME_AREA = 0.2
 """Share by which areas may differ that belong to one candidate."""
 
 
@@ -46,26 +52,26 @@ def ask_more_frames(
     Args:
         found: in the first image, the likeliest first.
         image: the first, (H, W) or BGR (H, W, 3).
-        more: images that follow, of the same size; MOST_FRAMES are asked at most.
+        more: images that follow, of the same size; MAX_FRAMES are asked at most.
         look: finds candidates in an image, or raises an ObservationError.
         sure: probability from which no more is asked.
     """
-    bench = to_grey(image).astype(np.float32)
+    bench = PLAIN.grey(image).astype(np.float32)
     still, lamps = np.zeros(len(found)), np.zeros(len(found))  # logarithms of what was seen, by either
-    told, frames = found, islice(more, MOST_FRAMES)
-    while told[0].probability < sure and (other := next(frames, None)) is not None:
+    judged, frames = found, islice(more, MAX_FRAMES)
+    while judged[0].probability < sure and (other := next(frames, None)) is not None:
         colours = to_bgr(other)
         if colours.shape[:2] != image.shape[:2]:
             continue  # the tracker says so when it comes to it
-        motion = register_affine(bench, to_grey(colours).astype(np.float32))
+        motion = register_affine(bench, PLAIN.grey(colours).astype(np.float32))
         try:
             seen = look(colours)
         except ObservationError:
             continue
         on_bench, with_lamps = place_likelihoods(found, seen, motion)
         still, lamps = still + on_bench, lamps + with_lamps
-        told = _weighed(found, still, lamps)
-    return told
+        judged = _reweighed(found, still, lamps)
+    return judged
 
 
 def place_likelihoods(found: Sequence[Candidate], seen: Sequence[Candidate], motion: Floats) -> tuple[Floats, Floats]:
@@ -84,11 +90,11 @@ def place_likelihoods(found: Sequence[Candidate], seen: Sequence[Candidate], mot
     offsets = np.full(len(found), math.nan)
     for k, c in enumerate(found):
         area = c.view.outer.area * abs(float(np.linalg.det(motion[:, :2])))
-        reach = shifts[k] + 3.0 * FLOOR
+        reach = shifts[k] + MATCH_DEVIATIONS * MIN_SD
         near = [
             float(np.hypot(*(other.view.outer.points.mean(axis=0) - taken[k])))
             for other in seen
-            if abs(math.log(other.view.outer.area / area)) < ALIKE
+            if abs(math.log(other.view.outer.area / area)) < SAME_AREA
         ]
         if near and min(near) <= reach:
             offsets[k] = min(near)
@@ -98,22 +104,22 @@ def place_likelihoods(found: Sequence[Candidate], seen: Sequence[Candidate], mot
         return on_bench, with_lamps
     d = offsets[matched]
     # of few, the nearest shows how well the images are registered; one alone does not show whether it or they are off
-    nearest = float(np.quantile(d, 0.25, method="lower"))
-    sigma = max(nearest / math.sqrt(2.0 * math.log(4.0 / 3.0)), FLOOR)
-    wide = sigma**2 + 0.25 * shifts[matched] ** 2
+    nearest = float(np.quantile(d, NEAREST_SHARE, method="lower"))
+    sigma = max(nearest / RAYLEIGH_QUANTILE, MIN_SD)
+    wide = sigma**2 + (0.5 * shifts[matched]) ** 2
     for log, variance in ((on_bench, np.full(len(d), sigma**2)), (with_lamps, wide)):
-        log[matched] = -np.log(variance) - 0.5 * (TAILS + 2.0) * np.log1p(d**2 / (TAILS * variance))
+        log[matched] = -np.log(variance) - 0.5 * (DEGREES + 2.0) * np.log1p(d**2 / (DEGREES * variance))
     return on_bench, with_lamps
 
 
-def _weighed(found: list[Candidate], still: Floats, lamps: Floats) -> list[Candidate]:
+def _reweighed(found: list[Candidate], still: Floats, lamps: Floats) -> list[Candidate]:
     """The candidates with probabilities after what was seen: one of them is right, or none, and of the wrong ones a share are
     reflections."""
-    wrong = np.logaddexp(math.log(1.0 - REFLECTIONS) + still, math.log(REFLECTIONS) + lamps)
+    wrong = np.logaddexp(math.log(1.0 - REFLECTION_SHARE) + still, math.log(REFLECTION_SHARE) + lamps)
     weights = np.array([c.probability for c in found]) * np.exp(still - wrong)
     none = max(1.0 - sum(c.probability for c in found), 0.0)
     total = float(weights.sum()) + none
     if not total > 0.0:
         return found
-    told = [c._replace(probability=float(w / total)) for c, w in zip(found, weights, strict=True)]
-    return sorted(told, key=lambda c: -c.probability)
+    judged = [c._replace(probability=float(w / total)) for c, w in zip(found, weights, strict=True)]
+    return sorted(judged, key=lambda c: -c.probability)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Silhouettes in a binary image: outer boundaries and holes as pixel chains."""
+"""Silhouettes as pixel chains: traced in a binary image, cut out by a threshold, or filled from a polygon."""
 
 from __future__ import annotations
 
@@ -9,10 +9,28 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import kernels
 from grasptrack.images import Grey
-from grasptrack.typing import Box
+from grasptrack.typing import Box, Floats
 
 Chain = NDArray[np.int32]
+Window = tuple[int, int, int, int]
+"""Left, top, right and bottom px of a part of an image, the latter two not included."""
+
+MIN_AREA = 30.0
+"""px^2; a smaller region is noise."""
+MIN_CHAIN = 8
+"""Pixels of a boundary; a shorter one bounds no region."""
+MIN_HOLE_SHARE, MIN_HOLE_AREA = 0.002, 12.0
+"""Smallest hole, as a share of its silhouette and in px^2."""
+MIN_POLYGON_AREA = 8.0
+"""px^2 of what is left of a polygon in the image."""
+MIN_LEVEL_GAP = 6.0
+"""Thresholds that differ by fewer grey levels give the same outlines."""
+SUBPIXEL_BITS = 4
+"""Binary digits of a pixel's fraction with which OpenCV fills polygons."""
+ROUNDING = 1e-12
+"""Share of the largest variance within which others equal it."""
 
 
 class Silhouette(NamedTuple):
@@ -30,19 +48,37 @@ class Silhouette(NamedTuple):
     area: float
     box: tuple[int, int, int, int]
 
-    def contains(self, x: float, y: float) -> bool:
-        """Whether a pixel lies within the outer boundary."""
-        return bool(cv2.pointPolygonTest(self.outer, (float(x), float(y)), False) >= 0)
+    @property
+    def extent(self) -> int:
+        """px, the longer side of the box."""
+        return max(self.box[2:])
 
     def depth(self, x: float, y: float) -> float:
         """px by which a pixel lies within the outer boundary, negative outside."""
         return float(cv2.pointPolygonTest(self.outer, (float(x), float(y)), True))
 
-    def ring(self, most: int) -> NDArray[np.float64]:
+    def ring(self, most: int) -> Floats:
         """(N, 2) px, about `most` points of its outer boundary, with positive signed area."""
         chain = self.outer[:: max(1, len(self.outer) // most)]
         forward = cv2.contourArea(self.outer, oriented=True) > 0.0
         return np.ascontiguousarray(chain if forward else chain[::-1], dtype=np.float64)
+
+    def window(self, margin: int, size: tuple[int, ...]) -> Window:
+        """The box with a margin in px on each side, as far as it lies in an image of (height, width)."""
+        x, y, w, h = self.box
+        return (
+            max(x - margin, 0),
+            max(y - margin, 0),
+            min(x + w + margin, size[1]),
+            min(y + h + margin, size[0]),
+        )
+
+    def fill(self, window: Window) -> Grey:
+        """(h, w) of a window, 255 within the outer boundary."""
+        left, top, right, bottom = window
+        filled = np.zeros((bottom - top, right - left), np.uint8)
+        cv2.drawContours(filled, [self.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED, offset=(-left, -top))
+        return filled
 
 
 def box_iou(one: Box | tuple[int, int, int, int], other: Box) -> float:
@@ -53,8 +89,13 @@ def box_iou(one: Box | tuple[int, int, int, int], other: Box) -> float:
     return both / (one[2] * one[3] + other[2] * other[3] - both)
 
 
+def to_binary(mask: NDArray[np.bool_]) -> Grey:
+    """(H, W) 255 where a mask is set, else 0."""
+    return np.where(mask, np.uint8(255), np.uint8(0))
+
+
 def trace_silhouettes(
-    binary: Grey, least: float, origin: tuple[int, int] = (0, 0), *, holes: bool = True, least_hole: float = 0.002
+    binary: Grey, least: float = MIN_AREA, origin: tuple[int, int] = (0, 0), *, holes: bool = True
 ) -> list[Silhouette]:
     """All silhouettes of at least a given area, largest first.
 
@@ -63,13 +104,12 @@ def trace_silhouettes(
         least: px^2.
         origin: where the binary image's first pixel lies in the image.
         holes: also find holes, which takes time.
-        least_hole: smallest hole as a fraction of its silhouette.
     """
     mode = cv2.RETR_CCOMP if holes else cv2.RETR_EXTERNAL
     chains, tree = cv2.findContours(binary, mode, cv2.CHAIN_APPROX_NONE, offset=origin)
     found: list[Silhouette] = []
     for index, chain in enumerate(chains):
-        if len(chain) < 8 or (holes and tree[0][index][3] >= 0):
+        if len(chain) < MIN_CHAIN or (holes and tree[0][index][3] >= 0):
             continue
         area = float(cv2.contourArea(chain))
         if area < least:
@@ -77,9 +117,9 @@ def trace_silhouettes(
         inner: list[tuple[float, Chain]] = []
         child = int(tree[0][index][2]) if holes else -1
         while child >= 0:
-            if len(chains[child]) >= 8:
+            if len(chains[child]) >= MIN_CHAIN:
                 size = float(cv2.contourArea(chains[child]))
-                if size >= max(least_hole * area, 12.0):
+                if size >= max(MIN_HOLE_SHARE * area, MIN_HOLE_AREA):
                     inner.append((size, _chain_points(chains[child])))
             child = int(tree[0][child][0])
         inner.sort(key=lambda pair: -pair[0])
@@ -92,3 +132,71 @@ def trace_silhouettes(
 def _chain_points(chain: NDArray[Any]) -> Chain:
     """(N, 2) of OpenCV's (N, 1, 2)."""
     return np.asarray(chain, dtype=np.int32).reshape(-1, 2)
+
+
+def polygon_silhouette(polygon: Floats, size: tuple[int, ...]) -> Silhouette | None:
+    """The region within a polygon (n, 2) px, as far as it lies in an image of (height, width); None where nothing does."""
+    found = trace_silhouettes(fill_polygon(polygon, size), MIN_POLYGON_AREA, holes=False)
+    return found[0] if found else None
+
+
+def fill_polygon(polygon: Floats, size: tuple[int, ...]) -> Grey:
+    """(H, W) 255 within a polygon (n, 2) px."""
+    filled = np.zeros(size[:2], np.uint8)
+    corners = np.rint(polygon * 2.0**SUBPIXEL_BITS).astype(np.int32)
+    cv2.fillPoly(filled, [corners], (255,), cv2.LINE_8, SUBPIXEL_BITS)
+    return filled
+
+
+def threshold_mask(
+    grey: Grey, level: float, polarity: int, hidden: Grey | None = None, window: Window | None = None
+) -> Grey:
+    """(h, w) nonzero where a window of a grey image, or all of it, is darker (polarity +1) or lighter (-1) than a level.
+
+    Args:
+        grey: (H, W).
+        level: grey level.
+        polarity: +1 or -1.
+        hidden: (H, W) nonzero where pixels are ignored.
+        window: of the image.
+    """
+    left, top, right, bottom = window or (0, 0, grey.shape[1], grey.shape[0])
+    binary = kernels.blur_threshold(grey, left, top, right, bottom, level, polarity)
+    if hidden is not None:
+        binary[hidden[top:bottom, left:right] != 0] = 0
+    return binary
+
+
+def candidate_thresholds(values: NDArray[np.uint8]) -> list[float]:
+    """Otsu's threshold of all grey levels, and of those on either side of it, where these differ."""
+    # OpenCV needs a contiguous channel, and is ten times as fast as bincount
+    grey = np.ascontiguousarray(values)
+    histogram = cv2.calcHist([grey], [0], None, [256], [0.0, 256.0]).ravel().astype(np.float64)
+    middle = otsu_threshold(histogram)
+    if middle is None:
+        return []
+    levels = [middle]
+    below, above = histogram.copy(), histogram.copy()
+    below[int(middle) + 1 :] = 0.0
+    above[: int(middle) + 1] = 0.0
+    for part in (below, above):
+        level = otsu_threshold(part)
+        if level is not None and all(abs(level - other) >= MIN_LEVEL_GAP for other in levels):
+            levels.append(level)
+    return levels
+
+
+def otsu_threshold(histogram: Floats) -> float | None:
+    """The level k + 0.5 that best separates a histogram (256,) into up to k and above; None for a single level."""
+    total = histogram.sum()
+    below = np.cumsum(histogram)[:-1]
+    above = total - below
+    usable = (below > 0) & (above > 0)
+    if not usable.any():
+        return None
+    moment = np.cumsum(histogram * np.arange(256))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = below * above * (moment[:-1] / below - (moment[-1] - moment[:-1]) / above) ** 2
+    spread[~usable] = -1.0
+    top = np.flatnonzero(spread >= spread.max() * (1 - ROUNDING))
+    return float(0.5 * (top[0] + top[-1]) + 0.5)

@@ -19,24 +19,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
-from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
-from grasptrack.typing import Floats
+from grasptrack.segmentation.silhouettes import Silhouette, fill_polygon
+from grasptrack.typing import Bools, Floats, Floats32
 
-STEP, COARSE = 2.0, 4.0
+STEP, COARSE_STEP = 2.0, 4.0
 """px between the points that are moved, and between those that are displaced to see whether they return."""
-DEEP, ASIDE = 5.0, 6.0
+MIN_POINTS = 16
+INSIDE_DEPTH, OUTSIDE_DEPTH = 5.0, 6.0
 """px inside an outline and outside it from which colours are those of the object and of its surroundings, if the outline
 is off by no more."""
-REST = 9.0
+COLOR_VARIANCE = 9.0
 """Lab units^2 by which any colour may vary."""
-MOST_TELLING = 2.0
+APART_WEIGHT, VARIANCE_WEIGHT = 0.75, 0.15
+"""Of the terms of a colour's log likelihood: how far it lies from the pooled ones, and how much these vary. Less than those of
+a normal distribution, as planes and neighbours are not independent."""
+MAX_COLOR_ODDS = 2.0
 """Logarithm of odds that one pixel's colour counts at most."""
-LEAST_POOL = 20.0
-"""Pixels from which colours are told."""
+MIN_POOL = 20.0
+"""Pixels from which colours are known."""
 DISPLACED = 5.0
 """px by which an outline is displaced, in four directions, to see whether it returns; ..."""
 RETURNED = 2.5
 """... and px within which its points count as back."""
+FAR, MARGIN = 255, 2
+"""What a plane has off a line that distances are measured from, and px round it that the plane needs."""
+TINY = 1e-9
 
 
 class SnapNumbers(NamedTuple):
@@ -67,8 +74,8 @@ class SnapNumbers(NamedTuple):
 @lru_cache(maxsize=2)
 def snap_numbers(mapped: bool) -> SnapNumbers:
     """The fitted numbers, with or without a segmenter's map."""
-    told = json.loads(files("grasptrack.segmentation").joinpath("snapping.json").read_text(encoding="utf-8"))
-    return SnapNumbers(**told["with map" if mapped else "without map"])
+    numbers = json.loads(files("grasptrack.segmentation").joinpath("snapping.json").read_text(encoding="utf-8"))
+    return SnapNumbers(**numbers["with map" if mapped else "without map"])
 
 
 class OutlineSnapper:
@@ -81,7 +88,7 @@ class OutlineSnapper:
     """
 
     def __init__(
-        self, edges: ClosedEdgeSegmenter, map_: NDArray[np.float32] | None = None, numbers: SnapNumbers | None = None
+        self, edges: ClosedEdgeSegmenter, map_: Floats32 | None = None, numbers: SnapNumbers | None = None
     ) -> None:
         self._px = edges.shrink
         self._planes = edges.planes
@@ -102,7 +109,7 @@ class OutlineSnapper:
         Returns:
             (m, 2) px, points about STEP px apart.
         """
-        moved = self._moved(self._to_working(polygon)[None], STEP, reach)[0]
+        moved = self._snap_copies(self._to_working(polygon)[None], STEP, reach)[0]
         return np.asarray(moved * self._px + 0.5 * (self._px - 1), dtype=np.float64)
 
     def return_share(self, outline: Floats) -> float:
@@ -113,59 +120,56 @@ class OutlineSnapper:
         """
         own = self._to_working(outline)
         by = DISPLACED * np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
-        back = self._moved(own[None] + by[:, None, :], COARSE)
-        low = np.floor(np.minimum(own.min(axis=0), back.min(axis=(0, 1)))).astype(np.int32) - 2
-        high = np.ceil(np.maximum(own.max(axis=0), back.max(axis=(0, 1)))).astype(np.int32) + 3
-        plane = np.full((high[1] - low[1], high[0] - low[0]), 255, np.uint8)
-        cv2.polylines(plane, [np.rint(own - low).astype(np.int32).reshape(-1, 1, 2)], True, (0,), 1)
-        distance = np.asarray(cv2.distanceTransform(plane, cv2.DIST_L2, 5))
-        at = np.rint(back - low).astype(np.int32)
-        return float((distance[at[..., 1], at[..., 0]] <= RETURNED).mean())
+        back = self._snap_copies(own[None] + by[:, None, :], COARSE_STEP)
+        low = np.floor(np.minimum(own.min(axis=0), back.min(axis=(0, 1)))).astype(np.int32) - MARGIN
+        high = np.ceil(np.maximum(own.max(axis=0), back.max(axis=(0, 1)))).astype(np.int32) + MARGIN + 1
+        line, at = (np.rint(points - low).astype(np.int32) for points in (own, back))
+        return float((_distances(line, at, high - low) <= RETURNED).mean())
 
     def _to_working(self, polygon: Floats) -> Floats:
         return np.asarray((polygon - 0.5 * (self._px - 1)) / self._px, dtype=np.float64)
 
-    def _moved(self, polygons: Floats, step: float, reach: float | None = None) -> Floats:
+    def _snap_copies(self, polygons: Floats, step: float, reach: float | None = None) -> Floats:
         """(k, m, 2) polygons (k, n, 2) that are displaced copies of one, snapped; all in px of the working image."""
-        told = self._numbers
-        pool = round(told.pool * STEP / step)
-        count = math.ceil(told.reach if reach is None else reach)
-        points, normals = _spaced(polygons[0], step)
+        numbers = self._numbers
+        pool = round(numbers.pool * STEP / step)
+        count = math.ceil(numbers.reach if reach is None else reach)
+        points, normals = _resample_polygon(polygons[0], step)
         points = points[None] + (polygons[:, :1] - polygons[:1, :1])
         steps = np.arange(-count, count + 1)
         at = points[:, :, None, :] + steps[None, None, :, None] * normals[None, :, None, :]
         slope = np.abs(
-            _bilinear(self._across, at) * normals[None, :, None, 0]
-            + _bilinear(self._along, at) * normals[None, :, None, 1]
+            _read_bilinear(self._across, at) * normals[None, :, None, 0]
+            + _read_bilinear(self._along, at) * normals[None, :, None, 1]
         )
-        gain = np.clip(slope, told.least, told.most) - told.least
-        gain -= told.away * np.abs(steps) + steps**2 / (2.0 * told.spread**2)
-        odds = told.colour * np.stack([self._colour_odds(p, normals, count, pool) for p in points])
+        gain = np.clip(slope, numbers.least, numbers.most) - numbers.least
+        gain -= numbers.away * np.abs(steps) + steps**2 / (2.0 * numbers.spread**2)
+        odds = numbers.colour * np.stack([self._colour_odds(p, normals, count, pool) for p in points])
         if self._map is not None:
-            odds += told.map * (2.0 * _bilinear(self._map, at) - 1.0)
+            odds += numbers.map * (2.0 * _read_bilinear(self._map, at) - 1.0)
         taken_in = np.cumsum(odds, axis=2)
         gain += taken_in - taken_in[:, :, count : count + 1]
-        chosen = steps[_smoothest_paths(gain, told.bend)]
+        chosen = steps[_smoothest_paths(gain, numbers.bend)]
         return np.asarray(points + chosen[:, :, None] * normals[None], dtype=np.float64)
 
     def _colour_odds(self, points: Floats, normals: Floats, count: int, pool: int) -> Floats:
         """(n, 2 count + 1) log odds that the colour at each offset is the object's, by those well inside and well outside."""
-        reach = count + math.ceil(ASIDE)
+        reach = count + math.ceil(OUTSIDE_DEPTH)
         steps = np.arange(-reach, reach + 1)
         at = points[:, None, :] + steps[None, :, None] * normals[:, None, :]
-        colours = _bilinear(self._planes, at).reshape(len(points), len(steps), -1)
-        inside, outside = _depths(points, at)
+        colours = _read_bilinear(self._planes, at).reshape(len(points), len(steps), -1)
+        inside, outside = _polygon_depths(points, at)
         deepest = np.maximum(inside.max(axis=1, keepdims=True) - 1.0, 1.0)
-        within = (inside >= np.minimum(DEEP, deepest)) & (steps < 0)
-        beyond = (outside >= ASIDE) & (steps > 0)
+        within = (inside >= np.minimum(INSIDE_DEPTH, deepest)) & (steps < 0)
+        beyond = (outside >= OUTSIDE_DEPTH) & (steps > 0)
         middle = colours[:, reach - count : reach + count + 1]
         likely, enough = [], np.ones(len(points), dtype=np.bool_)
         for chosen in (within, beyond):
-            mean, variance, pixels = _pooled(colours, chosen, pool)
+            mean, variance, pixels = _pool_colors(colours, chosen, pool)
             apart = np.log1p((middle - mean[:, None]) ** 2 / variance[:, None]).sum(axis=2)
-            likely.append(-0.75 * apart - 0.15 * np.log(variance).sum(axis=1, keepdims=True))
-            enough &= pixels > LEAST_POOL
-        odds = np.clip(likely[0] - likely[1], -MOST_TELLING, MOST_TELLING)
+            likely.append(-APART_WEIGHT * apart - VARIANCE_WEIGHT * np.log(variance).sum(axis=1, keepdims=True))
+            enough &= pixels > MIN_POOL
+        odds = np.clip(likely[0] - likely[1], -MAX_COLOR_ODDS, MAX_COLOR_ODDS)
         odds[~enough] = 0.0
         return np.asarray(odds, dtype=np.float64)
 
@@ -173,52 +177,45 @@ class OutlineSnapper:
 def outline_agreement(shape: Silhouette, polygon: Floats, tolerance: float) -> float:
     """Share of a region's outline within some px of a polygon (n, 2), or of the polygon beside the region: the less."""
     x, y, w, h = shape.box
-    low = np.floor(np.minimum(polygon.min(axis=0), (x, y)) - tolerance - 2.0).astype(np.int32)
-    high = np.ceil(np.maximum(polygon.max(axis=0), (x + w, y + h)) + tolerance + 2.0).astype(np.int32)
+    low = np.floor(np.minimum(polygon.min(axis=0), (x, y)) - tolerance - MARGIN).astype(np.int32)
+    high = np.ceil(np.maximum(polygon.max(axis=0), (x + w, y + h)) + tolerance + MARGIN).astype(np.int32)
     drawn, found = np.rint(polygon - low).astype(np.int32), (shape.outer - low).astype(np.int32)
-    points = np.rint(_spaced(polygon, STEP)[0] - low).astype(np.int32)
-    shares = []
-    for chain, asked in ((drawn, found), (found, points)):
-        plane = np.full((high[1] - low[1], high[0] - low[0]), 255, np.uint8)
-        cv2.polylines(plane, [chain.reshape(-1, 1, 2)], True, (0,), 1)
-        away = np.asarray(cv2.distanceTransform(plane, cv2.DIST_L2, 5))
-        shares.append(float((away[asked[:, 1], asked[:, 0]] <= tolerance).mean()))
-    return min(shares)
+    points = np.rint(_resample_polygon(polygon, STEP)[0] - low).astype(np.int32)
+    pairs = ((drawn, found), (found, points))
+    return min(float((_distances(line, asked, high - low) <= tolerance).mean()) for line, asked in pairs)
 
 
-def polygon_silhouette(polygon: Floats, size: tuple[int, ...]) -> Silhouette | None:
-    """The region within a polygon, as far as it lies in an image of (height, width); None where nothing does."""
-    mask = np.zeros(size[:2], np.uint8)
-    cv2.fillPoly(mask, [np.rint(polygon * 16.0).astype(np.int32)], (255,), cv2.LINE_8, 4)
-    found = trace_silhouettes(mask, 8.0, holes=False)
-    return found[0] if found else None
+def _distances(line: NDArray[np.int32], at: NDArray[np.int32], size: NDArray[np.int32]) -> Floats32:
+    """(...) px from pixels (..., 2) to a closed polyline (n, 2), both in a plane of (width, height)."""
+    plane = np.full((size[1], size[0]), FAR, np.uint8)
+    cv2.polylines(plane, [line.reshape(-1, 1, 2)], True, (0,), 1)
+    away = np.asarray(cv2.distanceTransform(plane, cv2.DIST_L2, 5), dtype=np.float32)
+    return away[at[..., 1], at[..., 0]]
 
 
-def _spaced(polygon: Floats, step: float) -> tuple[Floats, Floats]:
+def _resample_polygon(polygon: Floats, step: float) -> tuple[Floats, Floats]:
     """Points along a closed polygon, `step` px apart, and its unit normals, outward, of a tangent over a few points."""
     closed = np.vstack([polygon, polygon[:1]])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
-    n = max(16, round(along[-1] / step))
+    n = max(MIN_POINTS, round(along[-1] / step))
     t = np.arange(n) * (along[-1] / n)
     points = np.column_stack([np.interp(t, along, closed[:, 0]), np.interp(t, along, closed[:, 1])])
     tangents = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
     normals = np.column_stack([tangents[:, 1], -tangents[:, 0]])
     turned = float(np.sum(points[:, 0] * np.roll(points[:, 1], -1) - points[:, 1] * np.roll(points[:, 0], -1)))
-    return points, math.copysign(1.0, turned) * normals / np.maximum(np.hypot(*normals.T), 1e-9)[:, None]
+    return points, math.copysign(1.0, turned) * normals / np.maximum(np.hypot(*normals.T), TINY)[:, None]
 
 
-def _depths(points: Floats, at: Floats) -> tuple[Floats, Floats]:
+def _polygon_depths(points: Floats, at: Floats) -> tuple[Floats, Floats]:
     """(n, m) px by which positions (n, m, 2) lie inside a closed polygon (n, 2), and outside of it; 0 on the other side."""
     low = np.floor(at.min(axis=(0, 1))) - 1.0
     width, height = (np.ceil(at.max(axis=(0, 1)) - low) + 2.0).astype(int).tolist()
-    mask = np.zeros((height, width), np.uint8)
-    cv2.fillPoly(mask, [np.rint((points - low) * 16.0).astype(np.int32)], (1,), cv2.LINE_8, 4)
-    inside = np.asarray(cv2.distanceTransform(mask, cv2.DIST_L2, 5), dtype=np.float32)
-    outside = np.asarray(cv2.distanceTransform(1 - mask, cv2.DIST_L2, 5), dtype=np.float32)
-    return _bilinear(inside, at - low), _bilinear(outside, at - low)
+    mask = fill_polygon(points - low, (height, width))
+    inside, outside = (np.asarray(cv2.distanceTransform(m, cv2.DIST_L2, 5), np.float32) for m in (mask, FAR - mask))
+    return _read_bilinear(inside, at - low), _read_bilinear(outside, at - low)
 
 
-def _pooled(colours: Floats, chosen: NDArray[np.bool_], pool: int) -> tuple[Floats, Floats, Floats]:
+def _pool_colors(colours: Floats, chosen: Bools, pool: int) -> tuple[Floats, Floats, Floats]:
     """(n, c) means and variances and (n,) numbers of the chosen colours (n, m, c), over so many rows on either side."""
     weight = chosen.astype(np.float64)
     some = colours * weight[:, :, None]
@@ -226,10 +223,10 @@ def _pooled(colours: Floats, chosen: NDArray[np.bool_], pool: int) -> tuple[Floa
     pool = min(pool, (len(sums) - 1) // 2)
     total = np.cumsum(np.vstack([np.zeros_like(sums[:1]), sums[-pool:], sums, sums[:pool]]), axis=0)
     near = total[2 * pool + 1 :] - total[: len(sums)]
-    pixels = np.maximum(near[:, 0], 1e-6)
+    pixels = np.maximum(near[:, 0], TINY)
     c = colours.shape[2]
     mean = near[:, 1 : 1 + c] / pixels[:, None]
-    variance = np.maximum(near[:, 1 + c :] / pixels[:, None] - mean**2, 0.0) + REST
+    variance = np.maximum(near[:, 1 + c :] / pixels[:, None] - mean**2, 0.0) + COLOR_VARIANCE
     return mean, variance, pixels
 
 
@@ -257,7 +254,7 @@ def _smoothest_paths(gain: Floats, bend: float) -> NDArray[np.intp]:
     return np.roll(path[middle : middle + n], middle, axis=0).T
 
 
-def _bilinear(plane: NDArray[np.float32], at: Floats) -> Floats:
+def _read_bilinear(plane: Floats32, at: Floats) -> Floats:
     """Values of a plane (h, w), or of planes (h, w, c), at points (..., m, 2), those of the border beyond it: of the shape of
     the points, with c behind."""
     flat = at.reshape(-1, at.shape[-2], 2).astype(np.float32)

@@ -9,21 +9,30 @@ from __future__ import annotations
 
 import math
 
-PREPARED, GRADIENTS = 8.0, 35.0
-"""ms for each million px: of the image in its colours' planes, and of the reduced image in gradients."""
-THRESHOLD, CLOSING = 2.5, 4.5
-"""ms for each million px of the image, of one threshold; of the reduced image, of one closing of edges."""
-QUADRANGLES = 100.0
-"""ms for each million px of the reduced image, of its quadrangles."""
+
+class AreaCost(float):
+    """ms for each million px."""
+
+    def of(self, pixels: float) -> float:
+        """ms for so many px."""
+        return self * pixels / 1e6
+
+
+PREPARED, GRADIENTS = AreaCost(8.0), AreaCost(35.0)
+"""Of the image in its colours' planes, and of the reduced image in gradients."""
+THRESHOLDED, CLOSING = AreaCost(2.5), AreaCost(4.5)
+"""Of the image, one threshold; of the reduced image, one closing of edges."""
+QUADRANGLES = AreaCost(100.0)
+"""Of the reduced image, its quadrangles."""
 RATED = 0.06
 """ms for each region that is rated."""
-CONTOUR, CONTOUR_PX = 1.0, 3.0
+CONTOUR, CONTOUR_AREA = 1.0, AreaCost(3.0)
 """ms of a contour, and for each million px of the image besides."""
 SEARCH_SHARE = 0.6
 """Of the bound, what proposals may take; the rest is kept for their contours."""
 
 
-class Work:
+class WorkBudget:
     """Counts what was done.
 
     Args:

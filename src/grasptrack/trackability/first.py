@@ -13,8 +13,7 @@ from grasptrack.errors import ObservationError
 from grasptrack.first_image import FirstImage
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.images import Grey, to_bgr
-from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.first_look import distinct_candidates
+from grasptrack.segmentation.candidate import Candidate, distinct_candidates
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.tracking import initialization
 from grasptrack.tracking.camera import Beforehand

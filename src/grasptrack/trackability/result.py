@@ -12,12 +12,12 @@ import numpy as np
 from grasptrack.equality import compared_by_value
 from grasptrack.geometry.contours import View
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.undistortion import Undistortion
 from grasptrack.trackability.appearance import Edges
 from grasptrack.trackability.evidence import By, Settled, Symmetry, Usable
 from grasptrack.trackability.motions import Motions
 from grasptrack.trackability.prediction import Prediction
 from grasptrack.typing import Floats
+from grasptrack.undistortion import Undistortion
 
 Level = Literal["good", "fair", "poor"]
 

@@ -27,10 +27,9 @@ from grasptrack.grasp.force_closure import DEFAULT_FRICTION, ON_OUTLINE
 from grasptrack.grasp.hand import Hand
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.images import Grey, as_scene, to_bgr, to_mask
-from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.first_look import numbered_candidate, remove_nested
+from grasptrack.segmentation.candidate import Candidate, numbered_candidate, remove_nested
 from grasptrack.segmentation.outline_detector import OutlineDetector
-from grasptrack.segmentation.regions import Segmenter
+from grasptrack.segmentation.segmenters import Segmenter
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.messages import Reason

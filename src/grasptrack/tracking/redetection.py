@@ -14,7 +14,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import HORIZON
 from grasptrack.matching import MatchOutcome, Sampled, judge_hypotheses, match_outlines
 from grasptrack.matching.samples import BENDS
-from grasptrack.segmentation.candidate import Candidate, sign_of
+from grasptrack.segmentation.candidate import Candidate, polarity_of
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import Silhouette
 from grasptrack.statistics import robust_sd
@@ -206,7 +206,7 @@ def _match_homographies(told: MatchOutcome, outline: Contour, last: Contour, H: 
 
 def _make_detector(grey: Grey, view: View, hidden: Grey | None) -> OutlineDetector | None:
     """What finds an object by the grey levels on both sides of its outline; None where they do not tell."""
-    polarity = sign_of(grey, view.outer)
+    polarity = polarity_of(grey, view.outer)
     if not polarity:
         return None
     points = view.outer.points

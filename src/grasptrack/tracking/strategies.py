@@ -16,7 +16,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.images import Grey
-from grasptrack.segmentation.outline_detector import ANYWHERE, OutlineDetector
+from grasptrack.segmentation.outline_detector import MAX_TRIED, OutlineDetector
 from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.follower import AUTO, Follower, Moved, Proposal, Registration
@@ -253,7 +253,7 @@ class Alone:
         area = abs(kernels.polygon_moments(outline, np.array([0, len(outline)], dtype=np.int64))[0])
         for views in self._observer.anywhere(grey, area, missed, known):
             alike = sorted((self._shape_difference(view), i) for i, view in enumerate(views))
-            for unlike, i in alike[:ANYWHERE]:
+            for unlike, i in alike[:MAX_TRIED]:
                 if unlike <= UNLIKE:
                     yield batch(views[i], *self._align_reference(views[i]))
 

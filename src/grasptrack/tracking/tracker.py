@@ -24,11 +24,9 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
 from grasptrack.grasp.hand import Hand
 from grasptrack.images import Grey
-from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.first_look import distinct_candidates
+from grasptrack.segmentation.candidate import Candidate, distinct_candidates
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
-from grasptrack.segmentation.undistortion import Undistortion
 from grasptrack.tracking.camera import Beforehand, rectifying_view
 from grasptrack.tracking.follower import AUTO, Follower, Moved
 from grasptrack.tracking.initialization import (
@@ -47,6 +45,7 @@ from grasptrack.tracking.result import LocatedResult, TrackResult, UnlocatedResu
 from grasptrack.tracking.strategies import Carrier
 from grasptrack.transfer import STRATEGIES, strategy_names
 from grasptrack.typing import Floats, Status, StrategyName
+from grasptrack.undistortion import Undistortion
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.segmentation.undistortion import SeenGrasp
 from grasptrack.typing import Floats
+from grasptrack.undistortion import SeenGrasp
 from grasptrack.view.draw import as_bgr, grasp_spokes
 from grasptrack.view.style import (
     CONE_RGB,

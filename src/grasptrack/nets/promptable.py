@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import InputError, install_hint
 from grasptrack.first_image import FirstImage
-from grasptrack.segmentation.regions import Region
-from grasptrack.typing import Floats, Pixels
+from grasptrack.nets.salient import probabilities
+from grasptrack.segmentation.segmenters import Region
+from grasptrack.typing import Bools, Floats, Floats32, Pixels
 
 EMBEDDINGS = ({"image_embeddings"}, {"image_embed", "high_res_feats_0", "high_res_feats_1"})
 """What a decoder takes of its encoder: SAM's and EdgeSAM's, and SAM 2's."""
-ASKED = {"point_coords", "point_labels"}
+PROMPTS = {"point_coords", "point_labels"}
 OPTIONAL = {"mask_input", "has_mask_input", "orig_im_size"}
 MASKS, SCORES = ("low_res_masks", "masks"), ("iou_predictions", "iou", "scores")
 """Names of a decoder's outputs, the first that is there: masks as logits, and their predicted overlaps with the truth."""
@@ -37,10 +38,12 @@ ON, OFF, CORNER, OTHER_CORNER, NO_POINT = 1.0, 0.0, 2.0, 3.0, -1.0
 """Labels of points: on the object, off it, a box's corners, and one that stands for no box."""
 GRID = (6, 4)
 """Points that are asked along the longer and the shorter side of the image where nothing is said."""
-SAME = 0.8
+SAME_MASK = 0.8
 """Overlap of two masks above which they are one."""
-MOST = 12
-"""Regions at most, those with the largest predicted overlap first."""
+MAX_REGIONS = 12
+"""Those with the largest predicted overlap first."""
+ERROR_LENGTH, SILENT = 160, 4
+"""Characters of onnxruntime's errors that are shown, and its level of messages at which it says nothing itself."""
 TYPES = {
     "tensor(float)": np.float32,
     "tensor(float16)": np.float16,
@@ -75,11 +78,11 @@ class _Mask(NamedTuple):
     """
 
     score: float
-    logits: NDArray[np.float32]
+    logits: Floats32
     cells: tuple[float, float]
 
     @property
-    def inside(self) -> NDArray[np.bool_]:
+    def inside(self) -> Bools:
         """(h, w) what it covers."""
         return self.logits > 0.0
 
@@ -88,13 +91,13 @@ class _Mask(NamedTuple):
         both, either = self.inside & other.inside, self.inside | other.inside
         return float(np.count_nonzero(both)) / max(float(np.count_nonzero(either)), 1.0)
 
-    def enlarged(self, size: tuple[int, ...]) -> NDArray[np.float32]:
+    def enlarged(self, size: tuple[int, ...]) -> Floats32:
         """(H, W) 0 to 1, of an image of (height, width)."""
         a, b = self.cells
         back = np.array([[a, 0.0, 0.5 * a - 0.5], [0.0, b, 0.5 * b - 0.5]])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         large = cv2.warpAffine(self.logits, back, (size[1], size[0]), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(1.0 / (1.0 + np.exp(-np.clip(large, -30.0, 30.0))), dtype=np.float32)
+        return probabilities(np.asarray(large))
 
 
 class PromptableNet:
@@ -128,30 +131,30 @@ class PromptableNet:
 
         The image is encoded once; further calls with the same pixels ask the decoder alone.
         """
-        self._encode(image)
+        self._encode_image(image)
         found = [
             mask
-            for points, labels in _prompts(image.shape, hints)
-            for mask in self._decode(points, labels, image.shape)
+            for points, labels in _prompts_for(image.shape, hints)
+            for mask in self._decode_prompt(points, labels, image.shape)
         ]
         kept: list[_Mask] = []
         for mask in sorted(found, key=lambda mask: -mask.score):
-            if len(kept) < MOST and mask.inside.any() and not any(mask.overlap(other) > SAME for other in kept):
+            if (
+                len(kept) < MAX_REGIONS
+                and mask.inside.any()
+                and not any(mask.overlap(other) > SAME_MASK for other in kept)
+            ):
                 kept.append(mask)
         return [Region(mask.enlarged(image.shape), mask.score) for mask in kept]
 
     # --- files -----------------------------------------------------------------------------------
 
     def _check_decoder(self) -> None:
-        inputs, outputs = _names(self._decoder.get_inputs()), _names(self._decoder.get_outputs())
+        inputs, outputs = _node_names(self._decoder.get_inputs()), _node_names(self._decoder.get_outputs())
         embeddings = next((e for e in EMBEDDINGS if e <= set(inputs)), None)
         masks, scores = _first_of(MASKS, outputs), _first_of(SCORES, outputs)
-        if (
-            embeddings is None
-            or masks is None
-            or scores is None
-            or not embeddings | ASKED <= set(inputs) <= embeddings | ASKED | OPTIONAL
-        ):
+        known = embeddings is not None and embeddings | PROMPTS <= set(inputs) <= embeddings | PROMPTS | OPTIONAL
+        if embeddings is None or not (known and masks and scores):
             raise InputError(
                 f'"{self.decoder}" is no mask decoder of SAM, EdgeSAM or SAM 2: it takes {", ".join(inputs)} and gives '
                 f"{', '.join(outputs)}",
@@ -164,14 +167,14 @@ class PromptableNet:
         self._fits_image = self._is_sized and masks == "masks"  # without the encoder's padding
 
     def _check_encoder(self) -> None:
-        inputs, outputs = self._encoder.get_inputs(), _names(self._encoder.get_outputs())
+        inputs, outputs = self._encoder.get_inputs(), _node_names(self._encoder.get_outputs())
         shape = list(inputs[0].shape) if len(inputs) == 1 else []
         self._planar = len(shape) == 4
         if (shape[1:2] != [3] if self._planar else len(shape) != 3 or shape[2] != 3) or inputs[0].type not in TYPES:
-            told = ", ".join(f"{i.name} {tuple(i.shape)}" for i in inputs)
+            takes = ", ".join(f"{i.name} {tuple(i.shape)}" for i in inputs)
             raise InputError(
-                f'"{self.encoder}" is no image encoder: it takes {told}, not one image (H, W, 3) or (1, 3, H, W)',
-                inputs=_names(inputs),
+                f'"{self.encoder}" is no image encoder: it takes {takes}, not one image (H, W, 3) or (1, 3, H, W)',
+                inputs=_node_names(inputs),
             )
         alone = len(outputs) == 1 and len(self._needs) == 1  # some call it otherwise, and there is but one
         if not alone and not self._needs <= set(outputs):
@@ -186,18 +189,18 @@ class PromptableNet:
 
     # --- encoder ---------------------------------------------------------------------------------
 
-    def _encode(self, image: Pixels) -> None:
+    def _encode_image(self, image: Pixels) -> None:
         """Run the encoder, unless the image is the last one."""
         if self._image is not None and np.array_equal(self._image, image):
             return
         self._image = None
         given = self._encoder.get_inputs()[0]
-        seen, self._frame = self._prepare(image)
-        values = _run(self._encoder, {given.name: seen.astype(TYPES[given.type])}, self.encoder)
+        seen, self._frame = self._prepare_image(image)
+        values = _run_session(self._encoder, {given.name: seen.astype(TYPES[given.type])}, self.encoder)
         self._embedding = {self._renamed.get(name, name): value for name, value in values.items()}
         self._image = image.copy()
 
-    def _prepare(self, image: Pixels) -> tuple[NDArray[np.float32], _Frame]:
+    def _prepare_image(self, image: Pixels) -> tuple[Floats32, _Frame]:
         """What the encoder takes of an image, and how the image lies in it."""
         height, width = image.shape[:2]
         tall, wide = self._size or (SIDE, SIDE)
@@ -218,7 +221,7 @@ class PromptableNet:
 
     # --- decoder ---------------------------------------------------------------------------------
 
-    def _decode(self, points: Floats, labels: Floats, size: tuple[int, ...]) -> list[_Mask]:
+    def _decode_prompt(self, points: Floats, labels: Floats, size: tuple[int, ...]) -> list[_Mask]:
         """The answers to points (n, 2) px with labels (n,) in the image of (height, width) that was encoded."""
         coords = (points + 0.5) * self._frame.scales - 0.5
         if self._is_sized and not (labels == CORNER).any():
@@ -236,7 +239,7 @@ class PromptableNet:
                 side = [n if isinstance(n, int) else MASK_SIDE for n in each.shape[-2:]]
                 given["mask_input"] = np.zeros((1, 1, *side))
             feed[each.name] = given[each.name].astype(TYPES.get(each.type, np.float32))
-        values = _run(self._decoder, feed, self.decoder)
+        values = _run_session(self._decoder, feed, self.decoder)
         masks, scores = (
             np.asarray(values[self._masks], np.float32),
             np.asarray(values[self._scores], np.float32).ravel(),
@@ -256,28 +259,40 @@ class PromptableNet:
         ]
 
 
-def net_of_files(what: str) -> PromptableNet:
-    """The net that "ENCODER.onnx,DECODER.onnx" names, or a folder with one of each.
+class PromptableFiles:
+    """Makes a segmenter of "ENCODER.onnx,DECODER.onnx", or of a folder with one of each."""
 
-    Raises:
-        InputError: it names none, or as of `PromptableNet`.
-    """
-    encoder, comma, decoder = what.partition(",")
-    if comma:
-        return PromptableNet(encoder.strip(), decoder.strip())
-    folder = Path(what)
-    if not what or not folder.is_dir():
-        raise InputError(f'sam: takes ENCODER.onnx,DECODER.onnx or a folder with both, not "{what}"', given=what)
-    found = [[p for p in sorted(folder.glob("*.onnx")) if part in p.name.lower()] for part in ("encoder", "decoder")]
-    if [len(files) for files in found] != [1, 1]:
-        names = ", ".join(p.name for p in sorted(folder.glob("*.onnx"))) or "none"
-        raise InputError(
-            f'"{what}" has to hold one file *encoder*.onnx and one *decoder*.onnx; its models: {names}', given=what
-        )
-    return PromptableNet(found[0][0], found[1][0])
+    usage = "ENCODER,DECODER"
+
+    def make(self, argument: str) -> PromptableNet:
+        """See SegmenterMaker.
+
+        Raises:
+            InputError: it names none, or as of `PromptableNet`.
+        """
+        encoder, comma, decoder = argument.partition(",")
+        if comma:
+            return PromptableNet(encoder.strip(), decoder.strip())
+        folder = Path(argument)
+        if not argument or not folder.is_dir():
+            raise InputError(
+                f'sam: takes ENCODER.onnx,DECODER.onnx or a folder with both, not "{argument}"', given=argument
+            )
+        models = sorted(folder.glob("*.onnx"))
+        found = [[p for p in models if part in p.name.lower()] for part in ("encoder", "decoder")]
+        if [len(files) for files in found] != [1, 1]:
+            names = ", ".join(p.name for p in models) or "none"
+            raise InputError(
+                f'"{argument}" has to hold one file *encoder*.onnx and one *decoder*.onnx; its models: {names}',
+                given=argument,
+            )
+        return PromptableNet(found[0][0], found[1][0])
 
 
-def _prompts(size: tuple[int, ...], hints: FirstImage) -> list[tuple[Floats, Floats]]:
+SAM = PromptableFiles()
+
+
+def _prompts_for(size: tuple[int, ...], hints: FirstImage) -> list[tuple[Floats, Floats]]:
     """Points (n, 2) px and labels (n,) of each question to the decoder."""
     height, width = size[:2]
     off = list(hints.not_at)
@@ -308,14 +323,14 @@ def _open_session(path: Path, providers: Sequence[str]) -> Any:
     if not path.is_file():
         raise InputError(f'there is no model file "{path}"', path=str(path))
     options = onnxruntime.SessionOptions()
-    options.log_severity_level = 4
+    options.log_severity_level = SILENT
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=list(providers))
     except Exception:  # onnxruntime's errors share no class of their own, and their text spans lines
         raise InputError(f'"{path}" cannot be read as an ONNX model', path=str(path)) from None
 
 
-def _run(session: Any, feed: dict[str, NDArray[Any]], path: Path) -> dict[str, NDArray[Any]]:
+def _run_session(session: Any, feed: dict[str, NDArray[Any]], path: Path) -> dict[str, NDArray[Any]]:
     """All outputs by name.
 
     Raises:
@@ -325,14 +340,15 @@ def _run(session: Any, feed: dict[str, NDArray[Any]], path: Path) -> dict[str, N
         values = session.run(None, feed)
     except Exception as error:  # see _open_session
         shapes = ", ".join(f"{name} {value.shape}" for name, value in feed.items())
-        said = " ".join(str(error).split())[:160]
+        said = " ".join(str(error).split())[:ERROR_LENGTH]
         raise InputError(f'the model "{path}" does not run on {shapes}: {said}', path=str(path)) from None
-    return dict(zip(_names(session.get_outputs()), values, strict=True))
+    return dict(zip(_node_names(session.get_outputs()), values, strict=True))
 
 
-def _names(nodes: Sequence[Any]) -> list[str]:
+def _node_names(nodes: Sequence[Any]) -> list[str]:
     return [node.name for node in nodes]
 
 
-def _first_of(wanted: Sequence[str], names: Sequence[str]) -> str | None:
-    return next((name for name in wanted if name in names), None)
+def _first_of(wanted: Sequence[str], names: Sequence[str]) -> str:
+    """The first of the wanted names that is there; empty where none is."""
+    return next((name for name in wanted if name in names), "")
