@@ -231,7 +231,7 @@ def main() -> None:
         by = f"research.studies.calibration --seed {asked.seed}"
         for k, name in enumerate(names):
             value, least, most = (round(float(v[k]), 4) for v in (best, low, high))
-            told[name] = {"value": value, "from": least, "to": most, "by": by}
+            told[name] |= {"value": value, "from": least, "to": most, "by": by}
         common.write_numbers(asked.write, told)
         read_numbers(asked.write)
         common.add_paragraph(f"Written: `{asked.write.name}`.")
