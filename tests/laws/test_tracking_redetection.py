@@ -13,7 +13,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.pose import Hypothesis, max_contact_distance
-from grasptrack.tracking.redetection import MATCHED, MOST, WAYS, wide_prior
+from grasptrack.tracking.redetection import MATCHED, MAX_SOLVED, MAX_WAYS, wide_prior
 from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.simulation import SHAPES, Shape
 from stages import HEIGHT, WIDTH, bar, photo, pose
@@ -88,7 +88,7 @@ def test_no_search_asks_for_more_than_a_few_solutions() -> None:
     levels = build_pyramid(photo(parts))
     for turn in range(7):
         state.lost = turn
-        assert len(redetection.search(state, levels)) <= WAYS + MOST
+        assert len(redetection.search(state, levels)) <= MAX_WAYS + MAX_SOLVED
 
 
 def test_the_share_that_is_seen_tells_a_pose_from_another() -> None:

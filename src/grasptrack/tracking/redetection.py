@@ -22,11 +22,61 @@ from grasptrack.tracking.evidence import pose_evidence, wrong_object_probability
 from grasptrack.tracking.hypotheses import MIN_PLACES
 from grasptrack.tracking.pose import CONTINUOUS, TURNED, Hypothesis, Look, PoseEstimate, lead_alike, sane_area
 from grasptrack.tracking.state import TrackState
-from grasptrack.tracking.target import GUESSED_TILT, Grey, Target
+from grasptrack.tracking.target import GUESSED_TILT, Grey, Target, as_grey
 from grasptrack.transfer.alignment import as_similarity, find_alignments
 from grasptrack.typing import Floats
 
-# --- keypoints ------------------------------------------------------------------------------------
+MIN_KEYPOINTS = 8
+"""Keypoints that a pose must rest on."""
+MAX_KEYPOINTS, FAST_THRESHOLD = 1200, 8
+"""Keypoints of an image, half as many on each coarser level, and the grey levels that make a corner of them."""
+BETTER_MATCH = 0.8
+"""Distance of a match over that to the second best, at most."""
+KEYPOINT_REACH = 4.0
+"""px within which a keypoint agrees with a pose."""
+SHIFT_SIZE, LEAST_SHIFT_SIDE = 28.0, 8
+"""px, size of the object on the image on which a shift is looked for, and the least side of that image."""
+SHIFT_BLUR = 0.8
+"""px, standard deviation of the smoothing of that image."""
+MIN_LOOK_SIDE = 6
+"""px, side of a look that can be found again."""
+MAX_SHIFTS = 3
+"""Places of the last look that are tried."""
+MIN_LIKENESS = 0.4
+"""Correlation of a look at a place that is tried."""
+SIDE_REACH = 3.0
+"""px about the outline in the first image, where its edge is known to be."""
+MAX_UNLIKE = 0.35
+"""Share of their norm by which whitened outlines differ that are of different objects, whatever the tilt."""
+WHITENED_SAMPLES, CHAIN_SAMPLES, WHITENED_APART = 64, 200, 0.1
+"""Samples of an outline, and of a chain of pixels, for that, and lengths of the outline between two starts."""
+GUESSED_SHAPE = 0.03
+"""Share of sqrt(area), standard deviation of place and shape of a pose that was found."""
+MATCHED = "matched"
+"""Origin of a hypothesis that lays the whole outline on one that was found."""
+KEYPOINT_SIZE = 62.0
+"""px, sqrt(area) that is left to an object when images are halved for keypoints: two of their own patches, of 31 px."""
+SCORE_SAMPLES = 64
+"""Samples of the outline for a first score."""
+STRENGTH_KEPT = 0.25
+"""Share of its strength in the first image that an edge keeps, blurred or in less light."""
+MIN_SEEN = 0.3
+"""Share of the outline that has an edge of its sign nearby for a pose to be solved. Grained ground offers chance edges for
+about as much, and of what shows less than that nothing is believed."""
+MIN_REACH = 4.0
+"""px about the outline of a small object, within which edges count."""
+MAX_SOLVED = 2
+"""Poses that are solved of one search: they cost more than the search, and a better one will be found in the next turns."""
+MAX_WAYS = 6
+"""Poses that are solved for outlines: the ways in which one fits itself are rivals, and all have to be heard."""
+SIDE_DEPTH, MIN_SIDE_DEPTH = 0.06, 4.0
+"""Share of sqrt(area), and px, from the outline at which object and background are looked at."""
+LEVEL_SPREADS = 3.0
+"""Spreads within which a grey level is the background's."""
+LEVEL_ROUNDING = 2.0
+"""Grey levels by which the spread of the background is taken larger."""
+STILL_BACKGROUND, NOW_BACKGROUND = 0.7, 0.8
+"""Shares of the samples beside and within an empty place that show the background."""
 
 
 class Keypoints:
@@ -39,55 +89,35 @@ class Keypoints:
     """
 
     def __init__(self, target: Target, grey: Grey, level: int = 0) -> None:
-        self._target = target
+        self._target, self._level = target, level
         self._enlarge = np.diag([2.0**level, 2.0**level, 1.0])
-        self._level = level
-        self._detector = self._create_detector()
         mask = np.zeros_like(grey)
-        outline = target.view.outer.points / 2.0**level
-        cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 255)
-        points, self._descriptors = self._detector.detectAndCompute(grey, cv2.dilate(mask, np.ones((9, 9), np.uint8)))
+        cv2.fillPoly(mask, [np.round(target.view.outer.points / 2.0**level).astype(np.int32)], 255)
+        points, self._descriptors = self._detect(grey, as_grey(cv2.dilate(mask, np.ones((9, 9), np.uint8))))
         self._points = np.array([point.pt for point in points], np.float32)
 
-    def _create_detector(self) -> Any:
-        return cv2.ORB.create(1200 >> self._level, fastThreshold=8)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """OpenCV's detectors have no copy."""
-        return {name: value for name, value in self.__dict__.items() if name != "_detector"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Make the detector anew."""
-        self.__dict__.update(state)
-        self._detector = self._create_detector()
+    def _detect(self, grey: Grey, mask: Grey | None = None) -> Any:
+        """Keypoints of an image and their descriptions."""
+        detector = cv2.ORB.create(MAX_KEYPOINTS >> self._level, fastThreshold=FAST_THRESHOLD)
+        return detector.detectAndCompute(grey, mask)
 
     def find(self, grey: Grey) -> Floats | None:
         """(3, 3) a pose on which enough keypoints of an image (H, W), at the same level, agree, or None."""
-        if self._descriptors is None or len(self._descriptors) < 8:
+        if self._descriptors is None or len(self._descriptors) < MIN_KEYPOINTS:
             return None
-        points, descriptors = self._detector.detectAndCompute(grey, None)
-        if descriptors is None or len(points) < 8:
+        points, descriptors = self._detect(grey)
+        if descriptors is None or len(points) < MIN_KEYPOINTS:
             return None
         pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(self._descriptors, descriptors, k=2)
-        good = [a for a, b in (p for p in pairs if len(p) == 2) if a.distance < 0.8 * b.distance]
-        if len(good) < 8:
+        good = [a for a, b in (p for p in pairs if len(p) == 2) if a.distance < BETTER_MATCH * b.distance]
+        if len(good) < MIN_KEYPOINTS:
             return None
         source = self._points[[m.queryIdx for m in good]]
         place = np.array([points[m.trainIdx].pt for m in good], np.float32)
-        H, inliers = cv2.findHomography(source, place, cv2.USAC_FAST, 4.0)
-        if H is None or inliers.sum() < 8:
+        H, inliers = cv2.findHomography(source, place, cv2.USAC_FAST, KEYPOINT_REACH)
+        if H is None or inliers.sum() < MIN_KEYPOINTS:
             return None
         return self._target.pose(self._enlarge @ np.asarray(H, dtype=np.float64) @ np.linalg.inv(self._enlarge))
-
-
-# --- the last look --------------------------------------------------------------------------------
-
-SMALL = 28.0
-"""px, size of the object on the image on which a shift is looked for."""
-SHIFTS = 3
-"""Places that are tried."""
-LEAST_LIKE = 0.4
-"""Correlation of a look at a place that is tried."""
 
 
 def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats]:
@@ -96,21 +126,21 @@ def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats
     if not in_front > HORIZON:
         return []
     size = math.sqrt(abs(cv2.contourArea(outline.astype(np.float32))) + 1.0)
-    scale = min(1.0, SMALL / size)
+    scale = min(1.0, SHIFT_SIZE / size)
     height, width = levels[0].shape
-    small = (max(8, int(width * scale)), max(8, int(height * scale)))
+    small = (max(LEAST_SHIFT_SIDE, int(width * scale)), max(LEAST_SHIFT_SIDE, int(height * scale)))
     level = 0
     while level + 1 < len(levels) and min(levels[level + 1].shape) >= min(small):
         level += 1
     before, now = (
-        cv2.GaussianBlur(cv2.resize(pyramid[level], small, interpolation=cv2.INTER_AREA), (0, 0), 0.8)
+        cv2.GaussianBlur(cv2.resize(pyramid[level], small, interpolation=cv2.INTER_AREA), (0, 0), SHIFT_BLUR)
         for pyramid in (look.levels, levels)
     )
     mask: Grey = np.zeros(before.shape, np.uint8)
     cv2.fillPoly(mask, [np.round(outline * scale).astype(np.int32)], 255)
-    mask = np.asarray(cv2.dilate(mask, np.ones((5, 5), np.uint8)), dtype=np.uint8)
+    mask = as_grey(cv2.dilate(mask, np.ones((5, 5), np.uint8)))
     x, y, w, h = cv2.boundingRect(mask)
-    if w < 6 or h < 6:
+    if min(w, h) < MIN_LOOK_SIDE:
         return []
     pad = max(w, h) // 2
     wide = cv2.copyMakeBorder(now, pad, pad, pad, pad, cv2.BORDER_REPLICATE).astype(np.float32)
@@ -118,9 +148,9 @@ def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats
     likeness = cv2.matchTemplate(wide, patch, cv2.TM_CCOEFF_NORMED, mask=weight)
     likeness[~np.isfinite(likeness)] = -1.0
     poses = []
-    for _ in range(SHIFTS):
+    for _ in range(MAX_SHIFTS):
         _, best, _, (i, j) = cv2.minMaxLoc(likeness)
-        if best < LEAST_LIKE:
+        if best < MIN_LIKENESS:
             break
         T = np.eye(3)
         T[:2, 2] = (i - pad - x) / scale, (j - pad - y) / scale
@@ -129,25 +159,11 @@ def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats
     return poses
 
 
-# --- outlines -------------------------------------------------------------------------------------
-
-FIRST_REACH = 3.0
-"""px about the outline in the first image, where its edge is known to be."""
-UNLIKE = 0.35
-"""Share of their norm by which whitened outlines differ that are of different objects, whatever the tilt."""
-COARSE, CHAIN = 64, 200
-"""Samples of an outline, and of a chain of pixels, for that."""
-
-
 class Outlines:
     """Finds the outline of one object anywhere in an image.
 
-    Args:
-        target: the object.
-        grey: (H, W) the first image.
-        observer: it has been told which object is meant, and has looked at each image that is searched. Without one, grey
-            levels tell the object from the ground, where it is darker all round, or lighter.
-        hidden: (H, W) nonzero where nothing belongs to the scene.
+    The observer has been told which object is meant, and has looked at each image that is searched. Without one, grey levels
+    of the first image tell the object from the background, where it is darker all round, or lighter.
     """
 
     def __init__(self, target: Target, grey: Grey, observer: OutlineDetector | None, hidden: Grey | None) -> None:
@@ -174,7 +190,7 @@ class Outlines:
             x, y, w, h = shape.box
             if min(x, y, width - x - w, height - y - h) <= 0:
                 return math.inf
-            return _shape_difference(own, shape.ring(CHAIN))
+            return _shape_difference(own, shape.ring(CHAIN_SAMPLES))
 
         first = self._target.view.contours[0]
         for views in self._observer.anywhere(grey, abs(kernels.seen_area(H, first.points)), turn, None, unlike):
@@ -212,7 +228,7 @@ def _make_detector(grey: Grey, view: View, hidden: Grey | None) -> OutlineDetect
     points = view.outer.points
     ahead = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
     normals = np.column_stack([ahead[:, 1], -ahead[:, 0]]) / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
-    sides = kernels.search_along_normals(grey, points, np.ascontiguousarray(normals), FIRST_REACH, polarity)[:, 2:]
+    sides = kernels.search_along_normals(grey, points, np.ascontiguousarray(normals), SIDE_REACH, polarity)[:, 2:]
     inside, outside = np.nanmedian(sides, axis=0).tolist() if np.isfinite(sides).any() else (math.nan, math.nan)
     if not (outside - inside) * polarity > 0.0:
         return None
@@ -225,34 +241,18 @@ def _make_detector(grey: Grey, view: View, hidden: Grey | None) -> OutlineDetect
 def _shape_difference(a: Sampled, outline: Floats) -> float:
     """Share of the whitened outline's norm by which an outline (N, 2) differs at least; infinite for another object's."""
     try:
-        found = kernels.initial_alignments(a.outer, outline, BENDS, COARSE, 0.1, 1)
+        found = kernels.initial_alignments(a.outer, outline, BENDS, WHITENED_SAMPLES, WHITENED_APART, 1)
     except ValueError:  # a hair, or a tangle: so few of its points enclose nothing
         return math.inf
     share = float(found[0, 0]) if len(found) else 0.0
-    return share if share <= UNLIKE else math.inf
-
-
-# --- all of them, in turn -------------------------------------------------------------------------
+    return share if share <= MAX_UNLIKE else math.inf
 
 
 def wide_prior(target: Target) -> Floats:
     """(8, 8) covariance of a pose that was found, work px^2."""
-    return np.asarray(np.diag([0.03 * target.size] * 6 + [GUESSED_TILT * target.size] * 2) ** 2, dtype=np.float64)
-
-
-MATCHED = "matched"
-"""Origin of a hypothesis that lays the whole outline on one that was found."""
-LARGE = 62.0
-"""px, sqrt(area) that is left to an object when images are halved for keypoints: two of their own patches, of 31 px."""
-FEWER = 64
-"""Samples of the outline for a first score."""
-KEPT = 0.25
-"""Share of its strength in the first image that an edge keeps, blurred or in less light."""
-LEAST_SEEN = 0.3
-"""Share of the outline that has an edge of its sign nearby for a pose to be solved. Grained ground offers chance edges for
-about as much, and of what shows less than that nothing is believed."""
-MOST = 2
-"""Poses that are solved of one search: they cost more than the search, and a better one will be found in the next turns."""
+    return np.asarray(
+        np.diag([GUESSED_SHAPE * target.size] * 6 + [GUESSED_TILT * target.size] * 2) ** 2, dtype=np.float64
+    )
 
 
 class Redetection:
@@ -270,32 +270,26 @@ class Redetection:
     ) -> None:
         self._target = target
         self._level = 0
-        while self._level + 1 < len(levels) and math.sqrt(target.area) >= LARGE * 2.0 ** (self._level + 1):
+        while self._level + 1 < len(levels) and math.sqrt(target.area) >= KEYPOINT_SIZE * 2.0 ** (self._level + 1):
             self._level += 1
         self._keypoints = Keypoints(target, levels[self._level], self._level)
         self._outlines = Outlines(target, levels[0], observer, hidden)
-        every = max(1, len(target.points) // FEWER)
+        every = max(1, len(target.points) // SCORE_SAMPLES)
         self._points = np.ascontiguousarray(target.points[::every])
         self._normals = np.ascontiguousarray(target.normals[::every])
         at, normals = self._project_samples(target.A)
-        strength = (
-            kernels.search_along_normals(levels[0], at, normals, FIRST_REACH, 0)[:, 1] if len(at) else np.zeros(0)
-        )
+        strength = kernels.search_along_normals(levels[0], at, normals, SIDE_REACH, 0)[:, 1] if len(at) else np.zeros(0)
         self._strength = np.asarray(strength, dtype=np.float64)
 
     def search(self, state: TrackState, levels: list[Grey]) -> list[Hypothesis]:
         """Hypotheses that continuity did not give, worth solving, the most promising first.
 
         What was sighted in the image before, and outlines by the learned grey levels, cost little and are looked at in each
-        image. The last look, the keypoints and what else may show outlines take turns, but for the first image after a loss,
-        which gets both of the former: they find most.
-
-        Args:
-            state: of the object; `lost` counts the turns.
-            levels: pyramid of the image.
+        image. The last look, the keypoints and what else may show outlines take turns, which `lost` counts, but for the first
+        image after a loss, which gets both of the former: they find most.
         """
         target, turn, wide = self._target, state.lost, wide_prior(self._target)
-        found = self.promising(levels, self.matched(state.located, levels, turn, thorough=turn % 3 == 2), WAYS)
+        found = self.promising(levels, self.matched(state.located, levels, turn, thorough=turn % 3 == 2), MAX_WAYS)
         others = [] if state.sighted is None else [Hypothesis("sighted", state.sighted, wide)]
         if turn % 3 == 0:
             others += [Hypothesis("shifted", G, wide) for G in shifted_looks(target, state.located, levels)]
@@ -306,22 +300,14 @@ class Redetection:
         return found + self.promising(levels, [h for h in others if not self._is_known(h, found)])
 
     def matched(self, look: Look, levels: list[Grey], turn: int = 0, *, thorough: bool = True) -> list[Hypothesis]:
-        """All ways in which the outline lies on those of an image.
-
-        Args:
-            look: where the object was located last.
-            levels: pyramid of the image.
-            turn, thorough: see `Outlines.find`.
-        """
+        """All ways in which the outline lies on those of an image; `look` is the last one at the object, see `Outlines.find`."""
         poses = self._outlines.find(levels[0], self._target.homography(look.G), turn, thorough=thorough)
         return [Hypothesis(MATCHED, G, wide_prior(self._target)) for G in poses]
 
     def rivals(self, look: Look, *, thorough: bool) -> list[Hypothesis]:
         """Where a look at the object may show something just like it elsewhere; its own place may be among them.
 
-        Args:
-            look: at the object.
-            thorough: all outlines in it are looked at as well.
+        If `thorough`, all outlines in it are looked at as well.
         """
         wide = wide_prior(self._target)
         places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self._target, look, look.levels)]
@@ -329,12 +315,12 @@ class Redetection:
             places += self.matched(look, look.levels)
         return self.promising(look.levels, places, len(places))
 
-    def promising(self, levels: list[Grey], hypotheses: list[Hypothesis], most: int = MOST) -> list[Hypothesis]:
+    def promising(self, levels: list[Grey], hypotheses: list[Hypothesis], most: int = MAX_SOLVED) -> list[Hypothesis]:
         """Those that are worth solving: of what shows enough of the outline the best, each place once."""
         rated = sorted(((-self.seen(levels[0], h.G), i) for i, h in enumerate(hypotheses)))
         kept: list[Hypothesis] = []
         for score, i in rated:
-            if -score >= LEAST_SEEN and len(kept) < most and not self._is_known(hypotheses[i], kept):
+            if -score >= MIN_SEEN and len(kept) < most and not self._is_known(hypotheses[i], kept):
                 kept.append(hypotheses[i])
         return kept
 
@@ -348,13 +334,13 @@ class Redetection:
         if not len(self._points) or not area:
             return 0.0
         at, normals = self._project_samples(G)
-        reach = max(LEAST_REACH, self._target.numbers.wide * math.sqrt(area))
+        reach = max(MIN_REACH, self._target.numbers.wide * math.sqrt(area))
         hits = 0
         for sign in (1, -1):
             own = self._strength * sign > 0.0
             if own.any():
                 edges = kernels.search_along_normals(grey, at[own], normals[own], reach, sign)[:, 1]
-                hits += int(np.count_nonzero(np.abs(edges) >= KEPT * np.abs(self._strength[own])))
+                hits += int(np.count_nonzero(np.abs(edges) >= STRENGTH_KEPT * np.abs(self._strength[own])))
         return hits / len(self._points)
 
     def _project_samples(self, G: Floats) -> tuple[Floats, Floats]:
@@ -367,19 +353,10 @@ class Redetection:
         return any(lead_alike(self._target, hypothesis, other) for other in others)
 
 
-LEAST_REACH = 4.0
-"""px about the outline of a small object, within which edges count."""
-WAYS = 6
-"""Poses that are solved for outlines: the ways in which one fits itself are rivals, and all have to be heard."""
-
-
 def best_sighted_pose(state: TrackState, estimates: list[PoseEstimate], steps: float) -> Floats | None:
     """(3, 3) of what continuity did not give and may be the object, the pose for which there is most evidence; or None.
 
-    Args:
-        state: of the object.
-        estimates: of the image.
-        steps: how long the object may have gone unseen, in frames of free motion.
+    The object may have gone unseen for so many steps, frames of free motion.
     """
     found = [
         (pose_evidence(state, e), e)
@@ -390,41 +367,28 @@ def best_sighted_pose(state: TrackState, estimates: list[PoseEstimate], steps: f
     return None if best is None or best[0] <= 0.0 else best[1].G
 
 
-# --- its place ------------------------------------------------------------------------------------
-
-BESIDE = 0.06
-"""Share of sqrt(area) from the outline at which object and ground are looked at."""
-ALIKE = 3.0
-"""Standard deviations within which a grey level is the ground's."""
-
-
 def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats) -> bool:
-    """Whether an image shows, where the object is expected, the ground that was round it, and nothing in front of either.
-
-    Args:
-        target: the object.
-        look: the last one at it.
-        levels: the image's pyramid.
-        G: (3, 3) where it is expected.
-    """
-    depth = max(4.0, BESIDE * target.size)
+    """Whether an image shows, where G (3, 3) has the object, the background of the last look at it, and nothing in front."""
+    depth = max(MIN_SIDE_DEPTH, SIDE_DEPTH * target.size)
     sides = [target.points + sign * depth * target.normals for sign in (-1.0, 1.0)]
     inside, ground = (_sample_grey_levels(look.levels[0], look.G, points) for points in sides)
     inside_now, ground_now = (_sample_grey_levels(levels[0], G, points) for points in sides)
     if np.isfinite(ground).sum() < MIN_PLACES or np.isfinite(inside_now + ground_now).mean() < 0.5:
         return False
     level = float(np.nanmedian(ground))
-    spread = robust_sd(ground - level, np.nanmedian) + target.noise + 2.0
+    spread = robust_sd(ground - level, np.nanmedian) + target.noise + LEVEL_ROUNDING
     change = float(np.nanmedian(ground_now)) - level
     light = float(np.median(levels[-1])) - float(np.median(look.levels[-1]))
-    if min(abs(change), abs(change - light)) > ALIKE * spread:  # a cover may be as even as the ground
+    if min(abs(change), abs(change - light)) > LEVEL_SPREADS * spread:  # a cover may be as even as the ground
         return False
 
     def of_ground(values: Floats, level: float) -> float:
-        return float(np.mean(np.abs(values[np.isfinite(values)] - level) < ALIKE * spread))
+        return float(np.mean(np.abs(values[np.isfinite(values)] - level) < LEVEL_SPREADS * spread))
 
-    told_apart = of_ground(inside, level) < 0.5
-    return told_apart and of_ground(ground_now, level + change) > 0.7 and of_ground(inside_now, level + change) > 0.8
+    if not of_ground(inside, level) < 0.5:  # they look the same
+        return False
+    level += change
+    return of_ground(ground_now, level) > STILL_BACKGROUND and of_ground(inside_now, level) > NOW_BACKGROUND
 
 
 def _sample_grey_levels(grey: Grey, G: Floats, points: Floats) -> Floats:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of the first view is followed: its edges, patches of its surface, what lies beside them, and how it fits itself."""
+"""What of the first view is followed: samples of its outline with their edges, and a target with its surface too."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import View
@@ -25,137 +24,52 @@ from grasptrack.kernels import (
 )
 from grasptrack.statistics import MAD_TO_SD
 from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.patches import (
+    camera_noise,
+    rectify_image,
+    select_textured_patches,
+    self_similar_shifts,
+    surface_samples,
+)
 from grasptrack.tracking.target import Grey, Recipe, Target, as_grey, hidden_levels
 from grasptrack.transfer.alignment import TIE, as_similarity, find_alignments
 from grasptrack.typing import Floats
 
-SURFACE = 400
-"""Samples of the surface, for its gain and bias."""
-
-
-def camera_noise(grey: Grey) -> float:
-    """Grey levels, standard deviation of the camera's noise, by the median second difference; at least that of 8 bits.
-
-    J. Immerkaer, "Fast noise variance estimation", Computer Vision and Image Understanding 64 (1996), with a median.
-    """
-    kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-    second = np.abs(cv2.filter2D(grey, cv2.CV_32F, kernel))
-    return max(1.0, float(np.median(second)) / (6.0 * 0.6745))
-
-
-def select_textured_patches(image: Grey, mask: Grey, stride: int, noise: float, contrast: float, most: int) -> Floats:
-    """(n, 2) work px: middles of patches that tell how they moved; `image` is reduced by `stride`, `mask` is not."""
-    gradients = [cv2.Sobel(image, cv2.CV_32F, i, 1 - i, ksize=1) * 0.5 for i in (1, 0)]
-    box = (PATCH_SIDE, PATCH_SIDE)
-    xx, xy, yy = (
-        cv2.boxFilter(a * b, -1, box, normalize=False)
-        for a, b in ((gradients[0], gradients[0]), (gradients[0], gradients[1]), (gradients[1], gradients[1]))
-    )
-    root = np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
-    least, largest = 0.5 * (xx + yy) - root, 0.5 * (xx + yy) + root
-    own = 0.5 * PATCH_SIDE * PATCH_SIDE * noise * noise  # of noise alone
-    height, width = image.shape
-    allowed = mask[::stride, ::stride][:height, :width] > 0
-    score = np.where(allowed[:height, :width], least + 0.1 * largest, 0.0)
-    tells = (least > contrast * own) | (largest > 4.0 * contrast * own)
-    score = np.where(tells, score, 0.0)
-    rows, columns = -(-height // PATCH_SIDE), -(-width // PATCH_SIDE)
-    padded = np.zeros((rows * PATCH_SIDE, columns * PATCH_SIDE), np.float32)
-    padded[:height, :width] = score
-    cells = padded.reshape(rows, PATCH_SIDE, columns, PATCH_SIDE).transpose(0, 2, 1, 3).reshape(rows * columns, -1)
-    best = cells.argmax(axis=1)
-    value = cells[np.arange(len(cells)), best]
-    found = np.flatnonzero(value > 0)
-    y = (found // columns) * PATCH_SIDE + best[found] // PATCH_SIDE
-    x = (found % columns) * PATCH_SIDE + best[found] % PATCH_SIDE
-    # the best of every region first, then the second best: what lies close together tells the same
-    side = max(PATCH_SIDE, math.sqrt(float(allowed.sum()) / most))
-    region = (y // side).astype(int) * (width + 1) + (x // side).astype(int)
-    order = np.lexsort((-value[found], region))
-    first = np.r_[True, np.diff(region[order]) != 0] if len(order) else np.zeros(0, bool)
-    start = np.maximum.accumulate(np.where(first, np.arange(len(order)), 0)) if len(order) else np.zeros(0, int)
-    rank = np.empty(len(order), int)
-    rank[order] = np.arange(len(order)) - start
-    chosen = np.lexsort((-value[found], rank))[:most]
-    x, y = x[chosen], y[chosen]
-    return np.ascontiguousarray(np.column_stack([x, y]).astype(np.float64) * stride)
-
-
-SLIDE_SIZE = 100.0
-"""Pixels of sqrt(area) at which a surface is laid on itself: what slides by less than a few does not matter."""
-SLIDES = 8
-"""Nearest shifts that are kept: what slides farther slides by one of them first."""
-OVERLAP = 0.5
-"""Share of a surface on which it must look like itself."""
-
-
-def self_similar_shifts(image: Grey, mask: Grey, noise: float, size: float, numbers: Numbers) -> Floats:
-    """(n, 2) work px: shifts of a surface onto itself, as of a chessboard by two squares, the nearest first.
-
-    By the correlation of its local contrast where it overlaps itself (D. Padfield, "Masked object registration in the Fourier
-    domain", IEEE Transactions on Image Processing 21, 2012, with local means).
-    """
-    scale = min(1.0, SLIDE_SIZE / size)
-    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float32)
-    inside = cv2.resize(mask, small.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-    mean = cv2.boxFilter(small, -1, (PATCH_SIDE, PATCH_SIDE))
-    variance = np.maximum(cv2.boxFilter(small**2, -1, (PATCH_SIDE, PATCH_SIDE)) - mean**2, 0.0)
-    textured = inside & (variance > numbers.texture_contrast * (noise * scale) ** 2)
-    if float(textured.sum()) < OVERLAP * float(inside.sum()) or not inside.any():
-        return np.zeros((0, 2))
-    contrast = np.where(inside, (small - mean) / np.sqrt(variance + noise**2), 0.0)
-    height, width = (2 * side for side in small.shape)
-
-    def laid(a: Floats, b: Floats) -> Floats:
-        """At (dy, dx), with the origin in the middle: the sum of a where b is, shifted by so much."""
-        product = np.fft.irfft2(
-            np.fft.rfft2(a, (height, width)).conj() * np.fft.rfft2(b, (height, width)), (height, width)
-        )
-        return np.asarray(np.fft.fftshift(product), dtype=np.float64)
-
-    own, there = contrast**2, inside.astype(np.float64)
-    alike = laid(contrast, contrast) / np.sqrt(np.maximum(laid(own, there) * laid(there, own), 1e-6))
-    overlap = laid(there, there) / there.sum()
-    middle = np.array([height // 2, width // 2])
-    peak = (alike > _as_likely(numbers)) & (overlap > OVERLAP) & (alike >= cv2.dilate(alike, np.ones((5, 5))))
-    found = np.argwhere(peak) - middle
-    away = np.hypot(*found.T)
-    order = np.argsort(away, kind="stable")
-    halfway = alike[tuple((found // 2 + middle).T)]
-    kept = [k for k in order if away[k] > numbers.tolerance * size * scale and halfway[k] < _as_likely(numbers)]
-    return np.asarray(found[kept[:SLIDES], ::-1] / scale, dtype=np.float64).reshape(-1, 2)
-
-
-def _as_likely(numbers: Numbers) -> float:
-    """Correlation of a patch that is as probable of the same surface as of another one."""
-    a, b = numbers.match_spread**-2, numbers.chance_spread**-2
-    more = 2.0 * math.log(numbers.match_spread / numbers.chance_spread)
-    return (a - math.sqrt(a * a - (a - b) * (a + more))) / (a - b)
-
-
-def surface_samples(inside_mask: Grey) -> Floats:
-    """(n, 2) pixels of the surface, spread all over it, whose mask (H, W) is nonzero: for its gain and bias."""
-    inside = np.argwhere(inside_mask > 0)[:, ::-1]
-    step = max(1, len(inside) // SURFACE)
-    # a stride that does not run down the columns
-    order = (
-        np.random.default_rng(0).permutation(len(inside))[: len(inside) // step] if step > 1 else np.arange(len(inside))
-    )
-    return np.ascontiguousarray(inside[order][:SURFACE].astype(np.float64)).reshape(-1, 2)
-
-
 SPACING = 3.0
 """Work px between samples of the outline, ..."""
-SAMPLES = 400
-"""... of which there are so many at most."""
-PATCHES = 120
-"""Patches of texture on the finest level at most; a quarter of that on each coarser one."""
-RING = 7.0
-"""Places along the side of the first view, at which the ground is looked at."""
+MAX_SAMPLES, MIN_SAMPLES = 400, 60
+"""... of which there are so many at most, and, of a small outline, at least."""
+MIN_CONTOUR_SAMPLES = 8
+"""Samples of the least contour."""
+MAX_PATCHES, MIN_PATCHES = 120, 30
+"""Patches of texture at most on the finest level, half as many on each coarser one, but never fewer than these."""
+PATCHES_ACROSS = 16.0
+"""Pixels of a level's patches to the object's size, at least."""
+COARSEST_CORNERS = 5
+"""Levels of the pyramid that corners are looked at on, at most."""
+MAX_CORNERS = 80
+"""Places at which a look is laid on the next image, at most."""
+MARGIN, MARGIN_PX = 0.2, 12.0
+"""Share of sqrt(area), and work px, of the first view that are kept round the object."""
+RING_PLACES = 7.0
+"""Places along the side of the first view, at which the background is looked at."""
 ROUND_TURNS = 12
 """Turns in which an outline that has no shape of its own is tried."""
-CORNERS = 80
-"""Places at which a look is laid on the next image, at most."""
+SAME_TURN = 1e-3
+"""rad within which an alignment is no turn."""
+EDGE_REACH = 2
+"""Work px beyond half a filter's width within which the first view's edges are looked for."""
+NORMALS_TWICE = 2.0
+"""Standard deviations by which noise is allowed to turn normals: it is measured by a factor of that."""
+ABOVE_NOISE = 9.0
+"""Power of a harmonic over that of noise from which on it is the outline's own: noise exceeds it once in e^9 harmonics."""
+NOISE_FROM = 0.375
+"""Orders of harmonics over the number of points from which on they are noise: the highest quarter."""
+FIRST_CELL, REGION, CELL_POWER = 2.0, 0.45, 1.6
+"""Cells beside the outline, from so many work px up to this share of sqrt(area), ever wider by this power: a notch or tab ends
+within it."""
+LEVEL_SPREADS = 3.0
+"""Spreads within which a cell has the level of a side."""
 
 
 class Frame(NamedTuple):
@@ -172,7 +86,7 @@ def frame_about(view: View, numbers: Numbers) -> Frame:
     outer = view.outer.points
     length = math.sqrt(view.outer.area)
     s = min(1.0, numbers.work_size / length)
-    margin = 0.2 * length + 12.0 / s
+    margin = MARGIN * length + MARGIN_PX / s
     # whole px: between them interpolation takes up to three quarters of the noise, which would not be measured
     low, high = np.floor(outer.min(axis=0) - margin), outer.max(axis=0) + margin
     width, height = (int(v) for v in np.ceil((high - low) * s))
@@ -200,7 +114,7 @@ def make_target(
     frame = frame_about(view, numbers) if like is None else Frame(like.A, like.crop, like.centre, like.size)
     A, (width, height), size = frame.A, frame.crop, frame.size
     s, low = 1.0 / A[0, 0], A[:2, 2]
-    image = _rectify_image(levels, A, (width, height))
+    image = rectify_image(levels, A, (width, height))
     noise = camera_noise(image) if like is None else like.noise
     work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
     samples = _sample_outline(work)
@@ -232,9 +146,9 @@ def make_target(
     )
     recipe = Recipe(arguments, hidden_levels(hidden) if hidden is not None and hidden.any() else None)
     target = recipe.build()
-    patches, counts = np.zeros((0, 2)), []
-    stride, reduced, count = 1, image, PATCHES
-    while stride == 1 or stride <= size / 16.0:
+    counts = []
+    stride, reduced, count = 1, image, MAX_PATCHES
+    while stride == 1 or stride <= size / PATCHES_ACROSS:
         inside = as_grey(cv2.erode(surface_mask, np.ones((3, 3), np.uint8)))
         side = PATCH_SIDE * stride + 2 * (stride - 1)  # a pixel of a halved image takes in its neighbours
         inside = as_grey(cv2.erode(inside, np.ones((side, side), np.uint8), borderValue=0))
@@ -244,18 +158,16 @@ def make_target(
         texture = levels, centres, float(stride)
         recipe.textures.append(texture)
         counts.append(target.add_texture(*texture))
-        if stride == 1:
-            patches = centres
-        reduced, stride, count = as_grey(cv2.pyrDown(reduced)), 2 * stride, max(30, count // 2)
+        reduced, stride, count = as_grey(cv2.pyrDown(reduced)), 2 * stride, max(MIN_PATCHES, count // 2)
     turns, is_round = _symmetry_turns(view, A)
     # the outline of a disc turns on itself: beside it only the ground would tell, which need not turn with it
     around = np.ones((2 * PATCH_SIDE + 1, 2 * PATCH_SIDE + 1) if is_round else (9, 9), np.uint8)
     followed = as_grey(cv2.erode(mask, around, borderValue=0) if is_round else cv2.dilate(mask, around))
     half = as_grey(cv2.pyrDown(image))
     corners = select_textured_patches(
-        half, followed, 2, kernels.patch_noise(noise, 2.0), numbers.texture_contrast, CORNERS
+        half, followed, 2, kernels.patch_noise(noise, 2.0), numbers.texture_contrast, MAX_CORNERS
     )
-    strides = [float(1 << k) for k in range(1, 5) if k == 1 or (1 << k) <= size / 16.0]
+    strides = [float(1 << k) for k in range(1, COARSEST_CORNERS) if k == 1 or (1 << k) <= size / PATCHES_ACROSS]
     return Target(
         view,
         contacts,
@@ -274,7 +186,6 @@ def make_target(
         turns,
         is_round,
         self_similar_shifts(image, surface_mask, noise, size, numbers),
-        patches,
         tuple(counts[:FINE_LEVELS]),
         edges.share,
         edges.width,
@@ -304,7 +215,7 @@ def _detect_edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats
     while half < wanted:  # by the outline as it was found: where a narrow filter answers, noise is steep
         half = wanted
         wanted = _filter_half_width(
-            kernels.strongest_edges(levels, A, points, normals, noise, half + 2, half).width, half
+            kernels.strongest_edges(levels, A, points, normals, noise, half + EDGE_REACH, half).width, half
         )
     while True:
         edges = _edges_by(levels, A, points, normals, noise, half)
@@ -321,7 +232,7 @@ def _filter_half_width(width: Floats, half: int) -> int:
 
 def _edges_by(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float, half: int) -> _Edges:
     """The same by a filter of which half is so wide, work px."""
-    reach = half + 2
+    reach = half + EDGE_REACH
     offset, contrast, inner, width = kernels.strongest_edges(levels, A, points, normals, noise, reach, half)
     found = np.isfinite(offset)
     share = float(found.mean()) if len(found) else 0.0
@@ -337,26 +248,12 @@ def _edges_by(levels: list[Grey], A: Floats, points: Floats, normals: Floats, no
     return _Edges(points, normals, contrast, inner, share, typical, half, _filter_half_width(width, half))
 
 
-def _rectify_image(levels: list[Grey], A: Floats, size: tuple[int, int]) -> Grey:
-    level, G = 0, A
-    while G[0, 0] > 1.6 and level + 1 < len(levels):
-        level, G = level + 1, np.diag([0.5, 0.5, 1.0]) @ G
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(
-        cv2.warpPerspective(levels[level], G, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8
-    )
-
-
 class _Samples(NamedTuple):
     """Samples of the outline: points and outward normals (n, 2), and work px^2, variance of a contour's points across it."""
 
     points: Floats
     normals: Floats
     noise: float
-
-
-NORMALS_TWICE = 2.0
-"""Standard deviations by which noise is allowed to turn normals: it is measured by a factor of that."""
 
 
 def _normal_noise(noise: float, numbers: Numbers) -> float:
@@ -370,14 +267,15 @@ def _normal_noise(noise: float, numbers: Numbers) -> float:
 def _sample_outline(contours: list[tuple[Floats, bool, Any]]) -> _Samples:
     """Evenly along all contours; none where the border cuts the object."""
     lengths = [float(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum()) for p, _, _ in contours]
-    spacing = max(SPACING, sum(lengths) / SAMPLES)
-    spacing = min(spacing, sum(lengths) / 60.0)
+    spacing = max(SPACING, sum(lengths) / MAX_SAMPLES)
+    spacing = min(spacing, sum(lengths) / MIN_SAMPLES)
     points, normals, noise = [], [], 0.0
     for (p, _, clipped), length in zip(contours, lengths, strict=True):
-        if length < 8 * spacing:
+        if length < MIN_CONTOUR_SAMPLES * spacing:
             continue
-        smooth = p if clipped is not None else without_noise(p)
-        noise = max(noise, harmonics_of(p).noise / (2.0 * len(p)))
+        smooth, own_noise = _without_noise(p)
+        smooth = p if clipped is not None else smooth
+        noise = max(noise, own_noise / (2.0 * len(p)))
         closed = np.vstack([p, p[:1]])
         even = np.vstack([smooth, smooth[:1]])
         arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
@@ -386,7 +284,7 @@ def _sample_outline(contours: list[tuple[Floats, bool, Any]]) -> _Samples:
             t = t % arc[-1]
             return np.column_stack([np.interp(t, arc, points[:, 0]), np.interp(t, arc, points[:, 1])])
 
-        t = np.linspace(0.0, arc[-1], max(8, round(length / spacing)), endpoint=False)
+        t = np.linspace(0.0, arc[-1], max(MIN_CONTOUR_SAMPLES, round(length / spacing)), endpoint=False)
         chord = at(t + SPACING, even) - at(t - SPACING, even)
         chord /= np.hypot(*chord.T)[:, None] + 1e-9
         keep = np.ones(len(t), dtype=bool)
@@ -400,40 +298,18 @@ def _sample_outline(contours: list[tuple[Floats, bool, Any]]) -> _Samples:
     return _Samples(np.vstack(points), np.vstack(normals), noise)
 
 
-ABOVE_NOISE = 9.0
-"""Power of a harmonic over that of noise from which on it is the outline's own: noise exceeds it once in e^9 harmonics."""
-
-
-class Harmonics(NamedTuple):
-    """Of a closed contour (N,): complex values, their orders, and the power of each that noise has."""
-
-    values: NDArray[np.complex128]
-    order: Floats
-    noise: float
-
-
-def harmonics_of(points: Floats) -> Harmonics:
-    """The harmonics of a closed contour's points (N, 2); the highest quarter of them is noise."""
-    n = len(points)
-    values = np.fft.fft(points[:, 0] + 1j * points[:, 1])
-    order = np.abs(np.fft.fftfreq(n, 1.0 / n))
-    return Harmonics(values, order, float(np.mean(np.abs(values[order > 0.375 * n]) ** 2)))
-
-
-def without_noise(points: Floats) -> Floats:
-    """(N, 2) a closed contour's points by those of its harmonics that are more than noise.
+def _without_noise(points: Floats) -> tuple[Floats, float]:
+    """(N, 2) a closed contour's points by those of its harmonics that are more than noise, and the power of noise in each.
 
     Of noise in its normals a disc seems to tell how far it turned.
     """
-    found = harmonics_of(points)
-    kept = (np.abs(found.values) ** 2 > ABOVE_NOISE * found.noise) | (found.order <= 1)
-    smooth = np.fft.ifft(np.where(kept, found.values, 0.0))
-    return np.column_stack([smooth.real, smooth.imag])
-
-
-FIRST_CELL, REGION, WIDER = 2.0, 0.45, 1.6
-"""Cells beside the outline, from so many work px up to this share of sqrt(area), ever wider by this power: a notch or tab ends
-within it."""
+    n = len(points)
+    values = np.fft.fft(points[:, 0] + 1j * points[:, 1])
+    order = np.abs(np.fft.fftfreq(n, 1.0 / n))
+    noise = float(np.mean(np.abs(values[order > NOISE_FROM * n]) ** 2))
+    kept = (np.abs(values) ** 2 > ABOVE_NOISE * noise) | (order <= 1)
+    smooth = np.fft.ifft(np.where(kept, values, 0.0))
+    return np.column_stack([smooth.real, smooth.imag]), noise
 
 
 def _region_cells(
@@ -441,7 +317,7 @@ def _region_cells(
 ) -> tuple[Floats, Floats, Floats]:
     """(16,) depths, work px; (N, 16) grey levels so deep inside, NaN off the material; (N, 16) whether it ends so far out."""
     last = max(2.0 * FIRST_CELL, REGION * size)
-    depth = FIRST_CELL + (last - FIRST_CELL) * np.linspace(0.0, 1.0, REGION_CELLS) ** WIDER
+    depth = FIRST_CELL + (last - FIRST_CELL) * np.linspace(0.0, 1.0, REGION_CELLS) ** CELL_POWER
     height, width = mask.shape
 
     def cell(signed: Floats, values: Grey) -> Floats:
@@ -469,13 +345,13 @@ def _level_along(cells: Floats) -> tuple[Floats, Floats]:
     around = np.where(known[:, None], around, 0.0)
     level = np.nanmedian(around, axis=1)
     spread = MAD_TO_SD * np.nanmedian(np.abs(around - level[:, None]), axis=1) + LEAST_SPREAD
-    return np.where(known, level, np.nan), 3.0 * spread
+    return np.where(known, level, np.nan), LEVEL_SPREADS * spread
 
 
 def _background_ring_points(mask: Grey) -> Floats:
     """(n, 2) work px: a grid round the object, as far as the image of the first view is wide."""
     height, width = mask.shape
-    step = max(PATCH_SIDE, math.sqrt(width * height) / RING)
+    step = max(PATCH_SIDE, math.sqrt(width * height) / RING_PLACES)
     x, y = np.meshgrid(np.arange(-0.5 * width, 1.5 * width, step), np.arange(-0.5 * height, 1.5 * height, step))
     places = np.column_stack([x.ravel(), y.ravel()])
     reach = 2 * PATCH_SIDE + 1
@@ -502,6 +378,6 @@ def _symmetry_turns(view: View, A: Floats) -> tuple[tuple[Floats, ...], bool]:
         found = [similarity_transform(1.0, float(angle), (x, y), (x, y)) for angle in angles]
     else:
         fits = find_alignments(view.outer, view.outer)
-        found = [as_similarity(fit, view.outer, view.outer) for fit in fits if abs(fit.angle) > 1e-3]
+        found = [as_similarity(fit, view.outer, view.outer) for fit in fits if abs(fit.angle) > SAME_TURN]
     back = np.linalg.inv(A)
     return tuple(np.asarray(back @ H @ A, dtype=np.float64) for H in found), is_round

@@ -96,7 +96,6 @@ class Target:
         is_round: the outline fits itself in any turn.
         slides: (n, 2) work px, shifts under which the surface looks like itself, the nearest first.
         strides: work px between the pixels of a patch, fine to coarse.
-        patches: (n, 2) work px, of the finest texture.
         counts: of patches on each of the finest levels.
         edge_share: of the outline's samples, which have an edge; edge_width: work px, their standard deviation, the median.
         noise: grey levels, of the camera.
@@ -121,7 +120,6 @@ class Target:
     turns: tuple[Floats, ...]
     is_round: bool
     slides: Floats
-    patches: Floats
     counts: tuple[int, ...]
     edge_share: float
     edge_width: float
