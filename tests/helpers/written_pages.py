@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pages and tables of docs/ that say what the code says, written from it.
 
-    python tests/helpers/written_pages.py    writes docs/cli.md, docs/api.md, docs/tables/scenes.md, and two tables
+    python tests/helpers/written_pages.py    writes docs/cli.md, docs/api.md, docs/tables/*.md, and two tables
 
 `cli.md` is the help of every verb, `api.md` the first sentence of every public name, `tables/scenes.md` the disturbances
-and the peers; tables of reasons and of columns stand between their marks in `troubleshooting.md` and `files.md`.
-`tests/scenarios/test_docs.py` compares all of them.
+and the peers, `tables/numbers.md` the core's free numbers; tables of reasons and of columns stand between their marks in
+`troubleshooting.md` and `files.md`. `tests/scenarios/test_docs.py` compares all of them.
 """
 
 from __future__ import annotations
 
 import inspect
+import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,6 +24,7 @@ import grasptrack
 from grasptrack.cli.advice import REMEDIES
 from grasptrack.io.columns import COLUMNS, IN_JSON
 from grasptrack.tracking.messages import SENTENCES
+from grasptrack.tracking.numbers import OWN
 from grasptrack_bench.baselines import PEERS
 from grasptrack_bench.simulation.disturbances import DISTURBANCES
 from program import whole_program
@@ -82,6 +84,11 @@ ALIASES = {
     "StrategyName": "The names of the strategies.",
 }
 """Public names without a docstring of their own: types that are spelled out."""
+NUMBERS_HEAD = f"""# The core's numbers
+
+{WRITTEN}
+
+Those of `src/grasptrack/tracking/numbers.json`. Work px are px of the first view, reduced for large objects."""
 SCENES_HEAD = f"""# Scenes and peers
 
 {WRITTEN}
@@ -209,6 +216,16 @@ def scenes_table() -> str:
     return f"{SCENES_HEAD}\n\n## Disturbances\n\n{disturbances}\n\n## Peers\n\n{listed}\n"
 
 
+def numbers_table() -> str:
+    """docs/tables/numbers.md."""
+    rows = ["| number | value | unit | meaning | fitted |", "|---|---|---|---|---|"]
+    for name, entry in json.loads(OWN.read_text(encoding="utf-8")).items():
+        fitted = f"{entry['from']:g} to {entry['to']:g}, `{entry['by']}`" if "by" in entry else ""
+        row = f"| `{name}` | {entry['value']:g} | {entry['unit']} | {entry['meaning']} | {fitted} |"
+        rows.append(row.replace("|  |", "| |"))
+    return "\n".join([NUMBERS_HEAD, "", *rows, ""])
+
+
 def _first_line(peer: object) -> str:
     return " ".join((inspect.getdoc(peer) or "").split("\n\n")[0].split()).replace("|", "\\|")
 
@@ -249,6 +266,7 @@ def pages() -> dict[Path, str]:
         DOCS / "cli.md": command_line_page(),
         DOCS / "api.md": api_page(),
         DOCS / "tables" / "scenes.md": scenes_table(),
+        DOCS / "tables" / "numbers.md": numbers_table(),
         trouble: fill_reasons(trouble.read_text(encoding="utf-8")),
         files: fill_columns(files.read_text(encoding="utf-8")),
     }

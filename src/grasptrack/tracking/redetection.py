@@ -300,7 +300,7 @@ class Redetection:
         return found + self.promising(levels, [h for h in others if not self._is_known(h, found)])
 
     def matched(self, look: Look, levels: list[Grey], turn: int = 0, *, thorough: bool = True) -> list[Hypothesis]:
-        """All ways in which the outline lies on those of an image; `look` is the last one at the object, see `Outlines.find`."""
+        """All ways in which the outline lies on those of an image, given the last look at the object (see `Outlines.find`)."""
         poses = self._outlines.find(levels[0], self._target.homography(look.G), turn, thorough=thorough)
         return [Hypothesis(MATCHED, G, wide_prior(self._target)) for G in poses]
 
