@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What keeps the tree small enough to live in: a budget for each package, imports that go one way, one name a thing.
+
+Where a law does not hold yet, what breaks it is counted here. A change may lower a number, never raise it.
+"""
+
+from collections import Counter
+
+import pytest
+
+import house
+
+BUDGETS = {
+    "src/grasptrack": 37_800,
+    "src/grasptrack/tracking": 6_100,
+    "src/grasptrack/servo": 5_210,
+    "src/grasptrack/io": 5_110,
+    "src/grasptrack/segmentation": 3_800,
+    "src/grasptrack/cli": 2_820,
+    "src/grasptrack/live": 2_320,
+    "src/grasptrack/view": 2_070,
+    "src/grasptrack/trackability": 2_050,
+    "src/grasptrack/grasp": 1_960,
+    "bench": 14_450,
+    "research": 8_840,
+    "native": 6_720,
+    "tests": 41_800,
+}
+"""Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
+MODULES = 222
+CIRCLES = [["grasptrack.io.run", "grasptrack.view.summary"]]
+"""Modules of the wheel that import each other still, by their types alone."""
+SAME_NAMES = 45
+"""Names that more than one class has."""
+NAMELESS = {"tracking": 19, "segmentation": 3}
+"""Decimal numbers in functions that carry no name."""
+ONE_WORD = 0.35
+"""Share of functions whose name is one word."""
+WIDE = 23
+"""Functions of the wheel with more than six parameters, those at its edge included."""
+WHEEL = {name: module for name, module in house.modules().items() if name.split(".")[0] == "grasptrack"}
+
+
+@pytest.mark.parametrize("folder", BUDGETS)
+def test_a_package_keeps_its_budget(folder):
+    files = [
+        p for p in (house.ROOT / folder).rglob("*") if p.suffix in (".py", ".hpp", ".cpp") and ".venv" not in p.parts
+    ]
+    assert 0 < sum(path.read_text().count("\n") for path in files) <= BUDGETS[folder]
+
+
+def test_the_wheel_keeps_its_number_of_files():
+    assert len(WHEEL) <= MODULES
+
+
+def test_imports_go_one_way():
+    assert house.circles({name: house.imported(module) for name, module in WHEEL.items()}) == CIRCLES
+
+
+def test_nothing_of_the_wheel_imports_the_laboratory():
+    for name, module in WHEEL.items():
+        others = {other for other in house.imported(module, everywhere=True) if other.split(".")[0] != "grasptrack"}
+        assert not others, name
+
+
+def test_a_class_has_a_name_of_its_own():
+    assert sum(len(where) > 1 for where in house.classes().values()) <= SAME_NAMES
+
+
+def test_functions_take_few_parameters():
+    found = [f for module in WHEEL.values() for f in house.functions(module) if house.parameter_count(f) > 6]
+    assert len(found) <= WIDE
+
+
+def test_names_of_functions_say_what_they_do():
+    words = Counter("_" in f.name.strip("_") for module in WHEEL.values() for f in house.functions(module))
+    assert words[False] <= ONE_WORD * words.total()
+
+
+@pytest.mark.parametrize("package", NAMELESS)
+def test_numbers_have_names(package):
+    found = [
+        house.nameless_floats(module) for name, module in WHEEL.items() if name.startswith(f"grasptrack.{package}.")
+    ]
+    assert sum(map(len, found)) <= NAMELESS[package]
+
+
+def test_a_circle_is_found():
+    assert house.circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
