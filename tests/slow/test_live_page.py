@@ -106,14 +106,14 @@ def test_a_click_chooses_the_object_under_it(tmp_path: Path) -> None:
         page.reads("#status", "Which object?")
         page.wait(lambda: len(page.browser.find_elements(By.CSS_SELECTOR, "#candidates button")) >= 2)
         page.click(340.0, 100.0, (240, 480))
-        shown = until(session, lambda s: s.meant.on)
+        shown = until(session, lambda s: s.meant.object_at)
         tolerance = 1.0 / page.scale((240, 480))  # the driver's clicks are whole px of the window
-        assert shown.meant.on[0] == pytest.approx((340.0, 100.0), abs=tolerance)
-        shown = until(session, lambda s: s.phase in ("choosing", "tracking") and s.result is not None and s.meant.on)
+        assert shown.meant.object_at[0] == pytest.approx((340.0, 100.0), abs=tolerance)
+        shown = until(session, lambda s: s.phase in ("choosing", "tracking") and s.result is not None and s.meant.object_at)
         assert shown.result.view.outer.points[:, 0].min() > 240.0
         page.click(30.0, 30.0, (240, 480), "context_click")
-        shown = until(session, lambda s: s.meant.off)
-        assert shown.meant.off[0] == pytest.approx((30.0, 30.0), abs=tolerance)
+        shown = until(session, lambda s: s.meant.not_at)
+        assert shown.meant.not_at[0] == pytest.approx((30.0, 30.0), abs=tolerance)
 
 
 def test_a_drag_is_a_box_and_a_number_takes_a_candidate(tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_contacts_are_clicked_to_a_fraction_of_a_px_with_a_loupe(tmp_path: Path)
         assert page.find("#loupe").is_displayed()
         page.click(*(contacts[1] - (1.0, 1.0)))
         reached(session, "ended", image=5)
-        meant = np.array(session.shown.meant.contacts)
+        meant = np.array(session.shown.meant.grasp.contacts)
         outline = np.vstack([contacts[0], contacts[1]])
         assert np.abs(meant - outline).max() < 2.5
         assert np.abs(meant - np.round(meant)).max() > 1e-3  # not whole px
@@ -291,8 +291,8 @@ def test_the_arrow_keys_click_as_a_pointer_does(tmp_path: Path) -> None:
         page.press(Keys.ARROW_LEFT, Keys.ARROW_LEFT, Keys.ARROW_UP)
         ActionChains(page.browser).key_down(Keys.SHIFT).send_keys(Keys.ARROW_UP).key_up(Keys.SHIFT).perform()
         page.press(Keys.ENTER)
-        shown = until(session, lambda s: s.meant.on)
-        assert shown.meant.on == ((159.0, 109.0),)
+        shown = until(session, lambda s: s.meant.object_at)
+        assert shown.meant.object_at == ((159.0, 109.0),)
 
 
 def test_errors_are_one_line_on_the_page_and_a_broken_link_is_mended(tmp_path: Path) -> None:
