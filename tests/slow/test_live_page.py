@@ -109,7 +109,9 @@ def test_a_click_chooses_the_object_under_it(tmp_path: Path) -> None:
         shown = until(session, lambda s: s.meant.object_at)
         tolerance = 1.0 / page.scale((240, 480))  # the driver's clicks are whole px of the window
         assert shown.meant.object_at[0] == pytest.approx((340.0, 100.0), abs=tolerance)
-        shown = until(session, lambda s: s.phase in ("choosing", "tracking") and s.result is not None and s.meant.object_at)
+        shown = until(
+            session, lambda s: s.phase in ("choosing", "tracking") and s.result is not None and s.meant.object_at
+        )
         assert shown.result.view.outer.points[:, 0].min() > 240.0
         page.click(30.0, 30.0, (240, 480), "context_click")
         shown = until(session, lambda s: s.meant.not_at)
