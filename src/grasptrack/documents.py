@@ -15,6 +15,8 @@ from grasptrack.presentation import plain_value
 
 LARGEST_BYTES = 1 << 20
 """Of a file that people or tools write; YAML takes seconds to read more."""
+DEEPEST = 64
+"""Lists within lists in YAML: its parser takes the square of them in time, and no calibration has more than four."""
 _NUMBERS = re.compile(r"\[\n\s+([-+.,eE\d\s]+?)\n\s+\]")
 """A point in indented JSON. No line ends within a string, so that nothing else can match."""
 
@@ -101,6 +103,7 @@ def read_yaml(text: str) -> Any:
 
     Constructor.add_constructor("tag:yaml.org,2002:opencv-matrix", Constructor.construct_tagged)
     Constructor.add_constructor(None, Constructor.construct_tagged)
+    _check_brackets(text)
     yaml = YAML(typ="safe", pure=True)
     yaml.Constructor = Constructor
     try:
@@ -118,3 +121,12 @@ def read_yaml(text: str) -> Any:
     if isinstance(found, str):
         raise InputError("line 1 is no YAML that can be read: it has no key")
     return found
+
+
+def _check_brackets(text: str) -> None:
+    """Refuse what opens so many brackets that reading it would take long only to be refused."""
+    depth = 0
+    for found in re.finditer(r"[\[\]{}]", text):
+        depth = depth + 1 if found[0] in "[{" else max(0, depth - 1)
+        if depth > DEEPEST:
+            raise InputError(f"line {text.count(chr(10), 0, found.start()) + 1} begins what is nested too deeply")

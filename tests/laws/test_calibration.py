@@ -271,6 +271,12 @@ def test_a_number_is_one_without_a_point_too(text: str) -> None:
     assert float(read_yaml(text)["a"]) == 1e-5
 
 
+def test_open_brackets_are_refused_before_they_cost_time() -> None:
+    with pytest.raises(InputError, match="line 2 begins what is nested too deeply"):
+        read_yaml("a: 1\n" + "[" * 500_000)  # the parser would take minutes
+    assert read_yaml(f"a: {'[' * 20}1{']' * 20}")
+
+
 @given(st.text("ab:[]-# ,\n\t\"'{}1.&*!%|>?@`\\~", max_size=40))
 @settings(max_examples=150)
 def test_any_text_is_read_or_refused(text: str) -> None:
