@@ -225,8 +225,10 @@ def main() -> int:
     for name in other:
         frames = differing(kept["grasps"][name]["frames"], grasps[name]["frames"]) if name in grasps else []
         print(f"{name} differs" + (f", visibly in frames {frames}" if frames else ""))
+    left_out = len(kept["grasps"]) - len(grasps)
     print(
         f"{len(other)} of {len(grasps) + len(TEXTS)} differ"
+        + (f", {left_out} left out for want of the real videos" if left_out else "")
         + ("" if kept["machine"] == machine() else ", on another machine")
     )
     return int(bool(other))
