@@ -27,8 +27,7 @@ def option(panel: str, metavar: str | None, text: str, *names: str, **more: Any)
 def expanded(verb: Callable[..., None]) -> Callable[..., None]:
     """A verb, each parameter that is a dataclass replaced by those of its fields that are options.
 
-    A field without `Annotated` is none on this verb, and keeps its default. A parameter's own default, a dataclass's object,
-    gives the options' defaults.
+    A field without `Annotated` is no option of this verb, and keeps its default.
     """
     parameters: list[inspect.Parameter] = []
     groups: dict[str, tuple[Any, list[str]]] = {}
