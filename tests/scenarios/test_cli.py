@@ -247,6 +247,23 @@ def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("how", ["SIGINT", "SIGTERM"])
+def test_an_interrupted_process_is_not_taken_down_piece_by_piece(how: str) -> None:
+    code = f"""
+import atexit, os, signal, sys
+from grasptrack.cli import main
+def strike(*_, **__):
+    print("so far")
+    os.kill(os.getpid(), signal.{how})
+main.app = strike
+atexit.register(print, "torn down")
+sys.argv = ["grasptrack"]
+sys.exit(main.main())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "so far\n", "grasptrack: interrupted\n")
+
+
+@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM"])
 def test_a_signal_after_the_work_leaves_its_status(how: str) -> None:
     code = f"""
 import atexit, os, signal, sys

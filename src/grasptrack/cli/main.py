@@ -26,6 +26,7 @@ from grasptrack.cli.synthesize import synthesize
 from grasptrack.cli.terminal import (
     INTERRUPTED,
     RunInterruptedError,
+    end_at_once,
     keep_status,
     only_our_errors,
     signals_as_interrupts,
@@ -122,6 +123,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     status = run_app(app, sys.argv[1:] if arguments is None else arguments, "grasptrack")
     if arguments is None:  # this process has nothing else to do
+        if status == INTERRUPTED:
+            end_at_once(status)
         keep_status(status)
     return status
 

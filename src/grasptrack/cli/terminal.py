@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 if TYPE_CHECKING:
     from grasptrack.io.run import RunSummary
@@ -69,6 +69,14 @@ def keep_status(status: int) -> None:
             signal.signal(number, lambda *_: os._exit(status))
         # Last of all Python takes handlers of its own away, and a signal would kill: one that is ignored stays so.
         atexit.register(lambda: [signal.signal(n, signal.SIG_IGN) for n in (signal.SIGINT, signal.SIGTERM)])
+
+
+def end_at_once(status: int) -> NoReturn:
+    """End the process without Python's own teardown, which fails on what an interrupted import left half made."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(status)
 
 
 def tell_error(message: str) -> None:
