@@ -16,12 +16,11 @@ from hypothesis import strategies as st
 from grasptrack import InputError
 from grasptrack.documents import read_yaml
 from grasptrack.servo.camera import HandCamera, apply_twist, pose_of, rotation_matrix
-from grasptrack.servo.drift import FEWEST, DriftAlarm
 from grasptrack.servo.estimate import Estimate, Origin, Prior, refine_estimate
 from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.model import Placed, pack_state
 from grasptrack.servo.observation import Observation
-from grasptrack.servo.trust import Trust
+from grasptrack.servo.trust import MIN_SIGHTINGS, DriftAlarm, Trust
 
 SEEDS = st.integers(0, 10_000)
 FEW = settings(max_examples=40, deadline=None)
@@ -223,7 +222,7 @@ def test_the_alarm_rings_where_the_camera_was_turned(knocked: float, rings: bool
     for i, (one, known) in enumerate(zip(seen, told, strict=True)):
         rang.append(alarm.take(one, known, 1.2 if knocked and i >= 22 else -np.inf))
     assert alarm.rings == rings and rang[-1] == rings, alarm.contradiction
-    assert not any(rang[: 22 + FEWEST - 1])
+    assert not any(rang[: 22 + MIN_SIGHTINGS - 1])
 
 
 def test_the_alarm_rings_for_a_calibration_from_before_that_is_another(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from grasptrack.servo.camera import apply_twist, pose_of, rotation_matrix
-from grasptrack.servo.estimate import ROBUST, Search, Sightings, calibrate_batch, filter_sighting
+from grasptrack.servo.estimate import ROBUST_SIZE, Search, Sightings, calibrate_batch, filter_sighting
 from grasptrack.servo.model import (
     FOCAL,
     OFFSET,
@@ -89,7 +89,7 @@ def test_what_lies_behind_the_camera(seed: int, n: int) -> None:
     assert np.isnan(pixels[:n]).all() and np.isfinite(pixels[n:]).all()
     origin, known, hands, _, points, noise, _ = story(rng, n, 1)
     covariance, away = np.linalg.inv(known), hands[0] @ pose_of(DOWN, (0.0, 0.0, 0.0))
-    after, left, _, size = filter_sighting(origin, covariance, away, points[0], noise[0], ROBUST)
+    after, left, _, size = filter_sighting(origin, covariance, away, points[0], noise[0], ROBUST_SIZE)
     assert size == np.inf and (after == origin).all() and (left == covariance).all()
 
 

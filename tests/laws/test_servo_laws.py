@@ -29,7 +29,7 @@ from grasptrack.servo.estimate import SHAPE, Estimate, Placed, pack_state, unpac
 from grasptrack.servo.features import Features, rms_diameter, wrap_angle
 from grasptrack.servo.law import Aim, Approach, compute_aim, twist_for
 from grasptrack.servo.model import expected_sightings, retract_state
-from grasptrack.servo.observation import FLOOR, MOST, Observation, Poses, ResultObserver
+from grasptrack.servo.observation import MAX_NOISE_PX, MIN_NOISE_PX, Observation, Poses, ResultObserver
 from servo_bench import Bench
 
 SEEDS = st.integers(0, 10_000)
@@ -326,9 +326,9 @@ def test_covariances_of_sightings_are_bounded_and_else_as_told(seed: int, spoilt
     result = gt.TrackResult(0, 0.0, "tracked", "", contacts=np.array(GOOD), covariance=told)
     seen = ResultObserver(square=False).observe_result(result, 0.0, np.eye(4))
     assert seen is not None
-    np.testing.assert_allclose(seen.noise[1], told[1] + FLOOR**2 * np.eye(2), rtol=1e-12)
+    np.testing.assert_allclose(seen.noise[1], told[1] + MIN_NOISE_PX**2 * np.eye(2), rtol=1e-12)
     sizes = np.linalg.eigvalsh(seen.noise)
-    assert (sizes > 0.99 * FLOOR**2).all() and (sizes < 1.001 * (MOST**2 + FLOOR**2)).all()
+    assert (sizes > 0.99 * MIN_NOISE_PX**2).all() and (sizes < 1.001 * (MAX_NOISE_PX**2 + MIN_NOISE_PX**2)).all()
 
 
 @pytest.mark.parametrize("needed", [False, True])

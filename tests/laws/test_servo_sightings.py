@@ -10,7 +10,7 @@ import pytest
 
 import grasptrack as gt
 from grasptrack.servo.observation import Observation
-from grasptrack.servo.tilt_check import Tilt, TiltCheck
+from grasptrack.servo.setup_check import Tilt, TiltCheck
 from servo_bench import Bench
 
 

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 import grasptrack as gt
 from grasptrack.servo.camera import apply_twist, pose_of, rotation_matrix
-from grasptrack.servo.clock import GAP, ServoClock
+from grasptrack.servo.clock import CLOCK_GAP, ImageGate, ServoClock
 from grasptrack.servo.closing import judge_opening
-from grasptrack.servo.image_gate import ImageGate
 from grasptrack.servo.watchdog import Watchdog
 
 LIMITS = gt.Limits(0.4, 1.0, 2.0, 6.0)
@@ -121,7 +120,7 @@ def test_the_servos_time_never_goes_back_and_never_jumps(steps: list[float]) -> 
     for step in steps:
         told += step
         tick = clock.advance(told)
-        assert 0.0 <= tick.now - last <= GAP and 0.0 <= tick.step <= 0.2
+        assert 0.0 <= tick.now - last <= CLOCK_GAP and 0.0 <= tick.step <= 0.2
         assert bool(tick.jump) == (tick.goes_on and tick.now - last != pytest.approx(step)) or abs(step) < 1.0
         last = tick.now
 

@@ -20,11 +20,10 @@ import pytest
 
 import grasptrack as gt
 from grasptrack.servo.camera import HandCamera, rotation_matrix
-from grasptrack.servo.drift import DriftAlarm
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.grasp_pose import GraspPose, grasp_pose, tips_to_contacts
 from grasptrack.servo.hand_eye import HandEye
-from grasptrack.servo.trust import Trust
+from grasptrack.servo.trust import DriftAlarm, Trust
 from grasptrack.statistics import wilson_interval
 from grasptrack_bench.approach import trial
 from grasptrack_bench.approach.runs import draw_cases

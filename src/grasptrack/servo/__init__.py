@@ -9,10 +9,9 @@ from grasptrack.servo.goal import Goal
 from grasptrack.servo.grasp_pose import GraspPose
 from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.law import Gain
-from grasptrack.servo.limits import Limits
 from grasptrack.servo.loss import LossPolicy
 from grasptrack.servo.self_calibration import Exploration
-from grasptrack.servo.watchdog import Bounds
+from grasptrack.servo.watchdog import Bounds, Limits
 
 __all__ = [
     "LAWS",

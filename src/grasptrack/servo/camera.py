@@ -15,7 +15,7 @@ from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.typing import Floats
 
-ROUNDING = 1e-3
+POSE_ROUNDING = 1e-3
 """How far a pose that is handed in may be from a rigid motion: drivers report in single precision."""
 
 
@@ -98,7 +98,7 @@ def check_pose(pose: ArrayLike) -> Floats:
         a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i, p, q, r, s - 1.0,
     )  # fmt: skip
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    if max(map(abs, off)) > ROUNDING or determinant < 0.0:
+    if max(map(abs, off)) > POSE_ROUNDING or determinant < 0.0:
         raise InputError("a pose is a rotation and a position above the row 0 0 0 1", pose=given.tolist())
     return given
 
@@ -123,7 +123,7 @@ def complex_numbers(points: Floats) -> list[complex]:
     return [complex(p[0], p[1]) for p in points.tolist()]
 
 
-NEAREST = 1e-3
+NEAREST_DEPTH = 1e-3
 """m in front of the camera within which nothing is projected."""
 
 
@@ -153,7 +153,7 @@ class HandCamera:
         P = self.from_hand(points)
         with np.errstate(divide="ignore", invalid="ignore"):
             seen = self.focal * P[:, :2] / P[:, 2:] + self.centre
-        return np.where(P[:, 2:] > NEAREST, seen, np.nan)
+        return np.where(P[:, 2:] > NEAREST_DEPTH, seen, np.nan)
 
     def ray_directions(self, pixels: Floats) -> Floats:
         """Directions (N, 3) in the hand's frame of what is seen at pixels (N, 2), of depth 1 along the optical axis."""

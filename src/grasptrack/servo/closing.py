@@ -17,9 +17,9 @@ from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
-TOUCHING = 0.001
+TOUCHING_OPENING = 0.001
 """m at which fingers touch each other, where nobody knows how wide the part is."""
-HIDING = 0.5
+HIDING_DISTANCE = 0.5
 """Contacts so near to their goal, in lengths of the goal, may be hidden by the fingers."""
 
 
@@ -136,7 +136,7 @@ class CloseGate:
         self._seen_at = [time if now else then for now, then in zip(seen, self._seen_at, strict=True)]
         if not result.confidence >= self._asked.confidence:
             return f"confidence {result.confidence:.2f}, below {self._asked.confidence:g}"
-        near = HIDING * rms_diameter(goal)
+        near = HIDING_DISTANCE * rms_diameter(goal)
         for i, (contact, aim) in enumerate(zip(result.contacts.tolist(), goal.tolist(), strict=True)):
             hidden = math.dist(contact, aim) <= near and time - self._seen_at[i] <= self._asked.memory
             if not (seen[i] or hidden):
@@ -154,7 +154,7 @@ def judge_opening(opening: float, width: float, widest: float) -> str:
         width: m, the distance of the contacts; NaN where it is not known.
         widest: m, of the open hand; NaN where it is not known.
     """
-    if not opening > (0.5 * width if width > 0.0 else TOUCHING):
+    if not opening > (0.5 * width if width > 0.0 else TOUCHING_OPENING):
         return f"closed to {1000.0 * opening:.1f} mm: nothing is in it"
     if opening > 0.5 * (width + widest):
         return f"the fingers stopped at {1000.0 * opening:.1f} mm, the grasp is {1000.0 * width:.1f} mm wide"

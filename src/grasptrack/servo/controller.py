@@ -13,43 +13,42 @@ from numpy.typing import ArrayLike
 
 from grasptrack import arguments
 from grasptrack.errors import InputError
-from grasptrack.servo.arm_check import ArmCheck
 from grasptrack.servo.camera import NominalCamera, check_pose
-from grasptrack.servo.clock import ServoClock, Tick
+from grasptrack.servo.clock import SAME_IMAGE, ImageGate, ServoClock, Tick
 from grasptrack.servo.closing import CloseGate, Closing, judge_opening
 from grasptrack.servo.command import OVER, Command, Intent, State
 from grasptrack.servo.estimate import Estimate
-from grasptrack.servo.goal import WIDEST, Goal
+from grasptrack.servo.goal import MAX_OPENING, Goal
 from grasptrack.servo.grasp_pose import GraspPose, grasp_pose
 from grasptrack.servo.hand_eye import HandEye
-from grasptrack.servo.image_check import ImageCheck
-from grasptrack.servo.image_gate import SAME, ImageGate
-from grasptrack.servo.law import AXES, Aim, Approach, Gain, compute_aim
-from grasptrack.servo.limits import Limits
-from grasptrack.servo.loss import LossHandler, LossPolicy
+from grasptrack.servo.law import TWIST_AXES, Aim, Approach, Gain, compute_aim
+from grasptrack.servo.loss import LossHandler, LossPolicy, Trail
+from grasptrack.servo.motion_check import ArmCheck, ImageCheck
 from grasptrack.servo.observation import Observation, Poses, ResultObserver
-from grasptrack.servo.retreat import Trail
 from grasptrack.servo.self_calibration import Exploration, SelfCalibration
-from grasptrack.servo.watchdog import Bounds, Watchdog
+from grasptrack.servo.watchdog import Bounds, Limits, Watchdog
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
 Law = Literal["online", "nominal", "textbook"]
 LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")
 
-RESTARTS = 2
+MAX_RESTARTS = 2
 """How often an estimate that proved wrong is begun anew before the servo gives up."""
-JUMPS = 3
+MAX_JUMPS = 3
 """So many jumps of the caller's clock in a row, and its times are in no seconds."""
-WIDER = 1.5
+WIDTH_FACTOR = 1.5
 """Times the opening that contacts seem apart at most: a first estimate errs, but the hand is open as wide as it goes."""
-DISPLACED, MOST_DISPLACED = 0.3, 2
+DISPLACED_WAIT, MAX_DISPLACEMENTS = 0.3, 2
 """s for which it stands once the object was found displaced, so that what moves in the image then is the object and not the
 hand; and so many times at most."""
-BENEATH = 0.006
+FLOOR_BELOW_GOAL = 0.006
 """m below the goal, as it was known while all fitted, to which the hand may go."""
-STANDS = "its time is the last one's"
-UNSURE = "not sure which object is meant: name it (object_at, box or outline), confirm it (number=1), or ask for less (sure=0)"
+TIME_STANDS = "its time is the last one's"
+OBJECT_UNSURE = (
+    "not sure which object is meant: name it (object_at, box or outline), "
+    "confirm it (number=1), or ask for less (sure=0)"
+)
 """What a servo says while it does not move for that."""
 
 
@@ -140,7 +139,7 @@ class GraspServo:
         retries: int = 0,
         calibration: HandEye | None = None,
     ) -> None:
-        if dof not in AXES:
+        if dof not in TWIST_AXES:
             raise InputError(f"a hand has 4 or 6 degrees of freedom, not {dof}", dof=dof)
         if law not in LAWS:
             raise InputError(f'unknown law "{law}"; choose from {", ".join(LAWS)}', law=law)
@@ -164,7 +163,10 @@ class GraspServo:
         self._images = ImageGate(max_age, bounds.blind, latency)
         # what is known
         self._observer = ResultObserver(square=dof == 6)
-        believed, widest = None if law == "online" else camera, WIDER * goal.opening if goal.opening else WIDEST
+        believed, widest = (
+            None if law == "online" else camera,
+            WIDTH_FACTOR * goal.opening if goal.opening else MAX_OPENING,
+        )
         self._known = SelfCalibration(
             exploration or Exploration(),
             dof,
@@ -337,19 +339,19 @@ class GraspServo:
         if result is not None:
             age = self._latency if taken is None else time - taken
             at = self._poses.pose_at(tick.now - age - self._known.lateness)
-            why = self._images.why_not(result, tick.now, time, taken, at) if tick.goes_on else STANDS
+            why = self._images.why_not(result, tick.now, time, taken, at) if tick.goes_on else TIME_STANDS
             if not why and not result.repeated:
                 self._watchdog.note_image(tick.now, self._images.interval)
             if not why and not self._watchdog.is_blind(tick.now):
                 self._age, self._result = age, result
                 return _Now(tick.now, tick.step, hand, result, "")
-        return _Now(tick.now, tick.step, hand, None, why or SAME)
+        return _Now(tick.now, tick.step, hand, None, why or SAME_IMAGE)
 
     def _decide(self, now: _Now, tick: Tick) -> Intent:
         """What the states say, the most urgent first."""
         if self.over:
             return Intent(self.state, self.reason)
-        if self._clock.jumps >= JUMPS:
+        if self._clock.jumps >= MAX_JUMPS:
             return Intent("failed", f"times differ by {tick.jump:.3g} s between calls: are they in seconds?")
         contacts = None if now.result is None else now.result.contacts
         if contacts is not None and len(contacts) != len(self.goal.points):
@@ -365,7 +367,7 @@ class GraspServo:
             return Intent("failed", f"not done after {self._time_limit:g} s: {self.reason}")
         unsure = self.state == "unsure" if now.result is None else not now.result.object_sure
         if unsure and self.state != "retreating":  # the way back needs no object, and a closed hand has to open
-            return Intent("unsure", UNSURE)
+            return Intent("unsure", OBJECT_UNSURE)
         try:
             return self._decide_motion(now)
         except (InputError, ArithmeticError, np.linalg.LinAlgError):
@@ -379,11 +381,11 @@ class GraspServo:
     def _decide_motion(self, now: _Now) -> Intent:
         known = self._known
         seen, fits = (None, False) if now.result is None else self._observe_result(now, now.result)
-        if known.failed or known.restarts > RESTARTS or known.displacements > MOST_DISPLACED:
+        if known.failed or known.restarts > MAX_RESTARTS or known.displacements > MAX_DISPLACEMENTS:
             return Intent("failed", known.failed or "what is seen does not fit the motion of the hand")
         if self.state == "retreating":
             return self._retreating_intent(now)
-        if isinstance(known.estimate, Estimate) and now.time - self._age - known.estimate.displaced_at < DISPLACED:
+        if isinstance(known.estimate, Estimate) and now.time - self._age - known.estimate.displaced_at < DISPLACED_WAIT:
             self._doubt.reset_count()
             return Intent("holding", "the object is not where it was: stands, and looks where it goes")
         if now.result is None:
@@ -444,7 +446,7 @@ class GraspServo:
             return Intent("holding", "the goal would lie behind the camera, or nowhere: begins anew")
         self._trail.add(now.time, now.hand)
         if self._known.displacements == 0:  # what is found displaced still lies on the same table
-            self._watchdog.floor = found.height - self._watchdog.rise(now.hand) + BENEATH
+            self._watchdog.floor = found.height - self._watchdog.rise(now.hand) + FLOOR_BELOW_GOAL
         carried = self._following_twist(now.hand)
         if found.aligned and found.height > 0.5 * self.standoff and self._known.explore_again():
             return Intent("approaching", "explores again before it goes down", carried, found)

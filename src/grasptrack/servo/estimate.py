@@ -41,21 +41,21 @@ from grasptrack.servo.model import (
 from grasptrack.servo.observation import Observation, block_diagonal, stack_observations
 from grasptrack.typing import Floats
 
-ROBUST = 3.0
+ROBUST_SIZE = 3.0
 """Innovations of so many standard deviations count a quarter (Geman and McClure)."""
-FAR = 5.0
+OUTLIER_SIZE = 5.0
 """Innovations of so many are no news of the same motion."""
-AGREEING = 5
+AGREEING_IMAGES = 5
 """So many such images in a row that agree with each other say that the object has been displaced."""
-DRIFT, TWIRL = 1e-4, 1e-3
+PLACE_DRIFT, TURN_DRIFT = 1e-4, 1e-3
 """m and rad per root of a second by which the object may creep."""
-WANDER, PUSHED = 0.002, 1.0
+SPEED_DRIFT, PUSHED_SPEED_DRIFT = 0.002, 1.0
 """m/s per root of a second by which its velocity changes, and by which just after it was displaced."""
-ASTIR = 1.0
+PUSHED_SECONDS = 1.0
 """s for which a displaced object is taken to be on the move."""
-MOVES, LEAST_SPEED = 3.0, 0.002
+MOVING_SIZE, MIN_SPEED = 3.0, 0.002
 """Standard deviations and m/s from which on a velocity is one."""
-BEHIND = 2.0
+BEHIND_FACTOR = 2.0
 """So many times as far as aside may a camera be from the hand's origin along the approach direction."""
 
 
@@ -79,7 +79,7 @@ class Prior:
         deviation[FOCAL], deviation[TURN], deviation[OFFSET] = (
             self.focal,
             (self.tilt, self.tilt, self.spin),
-            (self.offset, self.offset, BEHIND * self.offset),
+            (self.offset, self.offset, BEHIND_FACTOR * self.offset),
         )
         deviation[PLACE], deviation[POSE], deviation[SPEED] = self.place, (self.slope, self.slope, 0.2), self.speed
         farther = np.zeros(n)
@@ -121,12 +121,12 @@ class Estimate:
         if dt <= 0.0:
             return
         self.time = time
-        may = (0.0, 0.0, 0.0) if evenly else (DRIFT**2, self.wander_at(time) ** 2, TWIRL**2)
+        may = (0.0, 0.0, 0.0) if evenly else (PLACE_DRIFT**2, self.wander_at(time) ** 2, TURN_DRIFT**2)
         self._set_state(*advance_state(self._state, self.covariance, dt, *may))
 
     def wander_at(self, time: float) -> float:
         """m/s per root of a second by which the object's velocity changes at a time, s."""
-        return PUSHED if time < self.displaced_at + ASTIR else WANDER
+        return PUSHED_SPEED_DRIFT if time < self.displaced_at + PUSHED_SECONDS else SPEED_DRIFT
 
     def in_hand(self, hand: Floats, time: float | None = None) -> Floats:
         """The points (n, 3) m in the frame of a hand at a pose (4, 4), at a time in s (default: the estimate's)."""
@@ -142,7 +142,7 @@ class Estimate:
         """
         self.advance(seen.time)
         state, covariance, off, size = filter_sighting(
-            self._state, self.covariance, seen.hand, seen.points, seen.noise, ROBUST
+            self._state, self.covariance, seen.hand, seen.points, seen.noise, ROBUST_SIZE
         )
         if math.isfinite(size):
             self._count_outliers(off, size)
@@ -152,12 +152,12 @@ class Estimate:
     @property
     def is_displaced(self) -> bool:
         """Whether this and the images before it agree that the object is not where it was expected."""
-        return len(self._away) >= AGREEING
+        return len(self._away) >= AGREEING_IMAGES
 
     def _count_outliers(self, off: Floats, size: float) -> None:
-        if size < FAR or (self._away and np.abs(off - self._away[-1]).max() > 0.5 * np.abs(off).max()):
+        if size < OUTLIER_SIZE or (self._away and np.abs(off - self._away[-1]).max() > 0.5 * np.abs(off).max()):
             self._away.clear()
-        if size >= FAR:
+        if size >= OUTLIER_SIZE:
             self._away.append(off)
 
     def release_object(self, time: float) -> None:
@@ -184,10 +184,10 @@ class Estimate:
     def object_velocity(self) -> Floats:
         """The object's velocity in the base, (3,) m/s; 0 where that is no more than noise."""
         speed, velocity = self.object.speed, self.object.velocity()
-        if float(velocity @ velocity) <= LEAST_SPEED**2:
+        if float(velocity @ velocity) <= MIN_SPEED**2:
             return np.zeros(3)
         known = float(speed @ np.linalg.solve(self.covariance[SPEED, SPEED], speed))
-        return velocity if known > MOVES**2 else np.zeros(3)
+        return velocity if known > MOVING_SIZE**2 else np.zeros(3)
 
     def relative_error(self) -> float:
         """The standard deviation of the first two contacts' distance, over that distance."""
@@ -278,9 +278,9 @@ def normalized_residual(known: Estimate, seen: Observation) -> float:
     return float(np.sqrt(off @ np.linalg.solve(block_diagonal(seen.noise), off) / len(off)))
 
 
-SETTLED, HOPELESS = 1e-2, 1e6
+SETTLED_FALL, MAX_DAMPING = 1e-2, 1e6
 """Fall of the cost, in squared standard deviations, and damping at which a search ends."""
-FARTHEST = 0.5
+MAX_TURN = 0.5
 """rad by which a step may turn camera or object: one that tips the object's plane over ends where its back explains almost
 as much, and no small step leads back."""
 
@@ -368,7 +368,7 @@ class Sightings(NamedTuple):
 def calibrate_batch(origin: Floats, known: Floats, seen: Sightings, start: Search, steps: int) -> tuple[Search, Floats]:
     """The state that explains all sightings best, with what was known before as a prior.
 
-    Residuals of a sighting count together, in Geman and McClure's function: where their rms is `ROBUST` times the scale,
+    Residuals of a sighting count together, in Geman and McClure's function: where their rms is `ROBUST_SIZE` times the scale,
     a quarter. A step that would turn camera or object by more than half a radian is damped as one that explains less.
 
     Args:
@@ -402,19 +402,19 @@ def calibrate_batch(origin: Floats, known: Floats, seen: Sightings, start: Searc
     for _ in range(steps):
         step = np.asarray(np.linalg.solve(A + damping * np.diag(np.diag(A)), b))
         found = np.inf
-        if max(np.linalg.norm(step[TURN]), np.linalg.norm(step[POSE])) <= FARTHEST:
+        if max(np.linalg.norm(step[TURN]), np.linalg.norm(step[POSE])) <= MAX_TURN:
             tried = retract_state(now, step)
             evidence.compute_residuals(tried)
             found = evidence.compute_cost(scale)
         if found <= cost:
-            settled = cost - found < SETTLED
+            settled = cost - found < SETTLED_FALL
             now, (A, b), damping = tried, evidence.normal_equations(scale), max(damping / 5.0, 1e-9)
             if not settled:
                 scale = evidence.estimate_scale(scale)
             cost = evidence.compute_cost(scale)
         else:
             damping *= 10.0
-            settled = damping > HOPELESS
+            settled = damping > MAX_DAMPING
         if settled:
             break
     return Search(now, damping, settled, scale), np.asarray(np.linalg.inv(A), dtype=np.float64)
@@ -441,10 +441,10 @@ class _Evidence:
 
     def compute_cost(self, scale: float) -> float:
         """In squared standard deviations."""
-        u = self._size2 / (ROBUST * scale) ** 2
+        u = self._size2 / (ROBUST_SIZE * scale) ** 2
         share = np.divide(u, 1.0 + u, out=np.ones_like(u), where=np.isfinite(u))
         prior = float(self._d @ self._known @ self._d)
-        return float(self._off.shape[1] * (ROBUST * scale) ** 2 * share.sum()) + prior
+        return float(self._off.shape[1] * (ROBUST_SIZE * scale) ** 2 * share.sum()) + prior
 
     def estimate_scale(self, last: float | None) -> float:
         """The scale of what is left, where it is not much like the last one."""
@@ -454,7 +454,7 @@ class _Evidence:
 
     def normal_equations(self, scale: float) -> tuple[Floats, Floats]:
         """The normal equations A x = b."""
-        weight = 1.0 / (1.0 + self._size2 / (ROBUST * scale) ** 2) ** 2
+        weight = 1.0 / (1.0 + self._size2 / (ROBUST_SIZE * scale) ** 2) ** 2
         behind = ~np.isfinite(self._size2)  # the camera: they count as far off, and ask for nothing
         J = (self._white @ self._slopes).reshape(*self._off.shape, -1)
         off = self._off.copy()

@@ -18,7 +18,7 @@ from grasptrack.errors import InputError
 from grasptrack.servo.camera import complex_numbers
 from grasptrack.typing import Floats
 
-SMALL = 1e-6
+MIN_DISTANCE_PX = 1e-6
 """px that contacts must lie apart."""
 
 
@@ -47,7 +47,7 @@ class Features:
     def __init__(self, goal: Floats, centre: Floats) -> None:
         self.goal, self.centre = goal, complex(*centre)
         self._middle, self._around, self._length = _decompose_points(goal)
-        if self._length < SMALL:
+        if self._length < MIN_DISTANCE_PX:
             raise InputError("the contacts of a goal lie apart", goal=goal.tolist())
 
     def turn_angle(self, contacts: Floats) -> complex:
@@ -64,7 +64,7 @@ class Features:
             InputError: contacts that do not lie apart.
         """
         middle, around, length = _decompose_points(contacts)
-        if length < SMALL:
+        if length < MIN_DISTANCE_PX:
             raise InputError("contacts lie apart", contacts=contacts.tolist())
         at = (middle - self.centre) / length
         return np.array([at.real, at.imag, self._length / length, cmath.phase(self._complex_turn(around))])

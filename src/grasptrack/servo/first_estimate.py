@@ -27,14 +27,14 @@ from grasptrack.typing import Floats
 
 Complex = NDArray[np.complex128]
 
-DRAWS, MINIMAL, ROUNDS, INITIAL_STEPS = 100, 6, 5, 30
+SUBSETS, SUBSET_SIZE, REWEIGHTINGS, INITIAL_STEPS = 100, 6, 5, 30
 """Random small sets, how many sightings are in each, rounds of reweighting after the best of them; steps of the search."""
-ASIDE, BELT, LENGTH, FOCAL_LENGTHS = 0.15, 0.3, 0.05, 1.1
+OFFSET_GUESS, SPEED_GUESS, LENGTH_GUESS, FOCAL_GUESS = 0.15, 0.3, 0.05, 1.1
 """Before anything is known: m of the camera's offset, m/s of the object, m between contacts, focal length over the image's
 larger side."""
-NOMINAL = Prior(focal=0.15, tilt=0.15, spin=0.2, offset=0.03, scale=0.5)
+NOMINAL_PRIOR = Prior(focal=0.15, tilt=0.15, spin=0.2, offset=0.03, scale=0.5)
 """How far a nominal camera may be off."""
-NOISE = 0.5
+MOVE_NOISE_PX = 0.5
 """px, the standard deviation at which a sighting counts here: that a part is not flat, and a move not pure, is in it."""
 
 
@@ -61,7 +61,7 @@ class Signals(NamedTuple):
     @property
     def noise(self) -> Floats:
         """(N,) of s."""
-        return NOISE / self.length
+        return MOVE_NOISE_PX / self.length
 
 
 def signals_of(seen: Sequence[Observation], base: Floats, centre: Floats) -> Signals:
@@ -121,7 +121,7 @@ def initialize_calibration(
             "the hand's moves do not show in the image: is it another camera's, or does the object move along with the hand?"
         )
     L, phi = 1.0 / abs(m), -float(np.angle(m))
-    focal = _estimate_focal_length(found.z[ok], found.length[ok], L, FOCAL_LENGTHS * side)
+    focal = _estimate_focal_length(found.z[ok], found.length[ok], L, FOCAL_GUESS * side)
     camera = HandCamera(focal, centre, rotation_about_z(phi), np.zeros(3))
     chosen = [x for x, good in zip(seen, ok, strict=True) if good]
     depth = focal * L / rms_diameter(chosen[0].points[: chosen[0].contacts])
@@ -137,7 +137,7 @@ def origin_of(seen: Observation, camera: HandCamera, depth: float, prior: Prior)
 
 def initialize_from_nominal(seen: Observation, believed: NominalCamera, centre: Floats, slope: float) -> FirstEstimate:
     """What is known before from a nominal camera, and the estimate from a single sighting."""
-    prior = replace(NOMINAL, slope=slope)
+    prior = replace(NOMINAL_PRIOR, slope=slope)
     origin = origin_of(seen, believed.camera(centre), believed.distance, prior)
     return FirstEstimate(origin, *refine_estimate(origin, [seen]))
 
@@ -160,11 +160,13 @@ def fit_moves(found: Signals, seed: int = 0) -> Fit:
     back = np.exp(-1j * found.theta)
     A = np.column_stack([back * p, back, back * found.t, np.ones(len(p))])
     rng = np.random.default_rng(seed)
-    ridge = np.diag([1e-6, 1e-6, LENGTH / BELT, LENGTH / ASIDE])  # what is known before, in standard deviations
-    rows = rng.permuted(np.tile(np.arange(len(p)), (DRAWS, 1)), axis=1)[:, :MINIMAL]
+    ridge = np.diag(
+        [1e-6, 1e-6, LENGTH_GUESS / SPEED_GUESS, LENGTH_GUESS / OFFSET_GUESS]
+    )  # what is known before, in standard deviations
+    rows = rng.permuted(np.tile(np.arange(len(p)), (SUBSETS, 1)), axis=1)[:, :SUBSET_SIZE]
     drawn = _solve_ridge(A[rows], s[rows], 1.0 / noise[rows], ridge)
     best = drawn[np.argmin(_last_axis_median(np.abs(drawn @ A.T - s) / noise))]
-    for _ in range(ROUNDS):
+    for _ in range(REWEIGHTINGS):
         left = np.asarray(np.abs(A @ best - s) / noise, dtype=np.float64)
         scale = max(1.0, 1.5 * float(_last_axis_median(left)))
         weight = 1.0 / (1.0 + (left / (3.0 * scale)) ** 2)

@@ -22,17 +22,17 @@ from grasptrack import arguments
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import HandCamera, align_rigid
-from grasptrack.servo.features import SMALL, rms_diameter
+from grasptrack.servo.features import MIN_DISTANCE_PX, rms_diameter
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
-WIDEST = 1.0
+MAX_OPENING = 1.0
 """m; what opens wider is no gripper on an arm, and 1 mm is below what any opens: lengths in mm are told apart by it."""
-FORMAT = 1
+FILE_FORMAT = 1
 """Of a goal's file; raised when a key changes its meaning or goes away."""
-LARGEST_FILE = 1 << 16
+MAX_FILE_BYTES = 1 << 16
 """Bytes of a goal's file; none that this writes has nearly as many."""
-ALIKE = 1.15
+ALIKE_MISFIT = 1.15
 """Orders of the fingers that leave up to so many times the least misfit fit alike."""
 
 
@@ -82,7 +82,7 @@ class Goal:
         """
         if not (np.isfinite(opening_m) and opening_m > 0.0):
             raise InputError(f"an opening is positive, in m, not {opening_m}", opening=opening_m)
-        if opening_m > WIDEST:
+        if opening_m > MAX_OPENING:
             raise InputError(
                 f"an opening is in m: {opening_m:g} m is no gripper's ({opening_m / 1000.0:g}, if mm were meant)",
                 opening=opening_m,
@@ -122,7 +122,7 @@ class Goal:
         """
         file = Path(path)
         content = {
-            "format": FORMAT,
+            "format": FILE_FORMAT,
             "kind": self.kind,
             "points_px": self.points.tolist(),
             "opening_m": self.opening,
@@ -161,8 +161,8 @@ class Goal:
         unknown = [key for key in content if key not in known]
         if unknown:
             raise InputError(f'has a key "{unknown[0]}", of which a goal knows nothing; it has {", ".join(known)}')
-        if content.get("format") != FORMAT:
-            raise InputError(f"has the format {content.get('format')!r}, not {FORMAT}")
+        if content.get("format") != FILE_FORMAT:
+            raise InputError(f"has the format {content.get('format')!r}, not {FILE_FORMAT}")
         kind, points, symmetric = content.get("kind"), content.get("points_px"), content.get("symmetric", True)
         if not isinstance(points, list) or not isinstance(symmetric, bool):
             raise InputError("has points_px, a list of x, y in px, and symmetric, true or false")
@@ -203,13 +203,16 @@ class Goal:
             there, turn = align_rigid(contacts[:, :2], tips[list(order), :2])
             fits.append((float(np.sqrt(((there - tips[list(order), :2]) ** 2).sum(axis=1).mean())), abs(turn), order))
         best = min(f[0] for f in fits)
-        return [order for _, order in sorted((t, o) for misfit, t, o in fits if misfit <= ALIKE * best + SMALL)]
+        return [
+            order
+            for _, order in sorted((t, o) for misfit, t, o in fits if misfit <= ALIKE_MISFIT * best + MIN_DISTANCE_PX)
+        ]
 
     def _points_in_hand(self, camera: HandCamera, length: float) -> Floats:
         """The points (k, 3) m in the hand's frame, all at one depth, the first two `length` apart."""
         rays = camera.ray_directions(self.points)
         flat = rays / rays[:, 2:]  # as they meet the plane at depth 1 before the camera, along the approach
-        depth = length / max(math.dist(flat[0].tolist(), flat[1].tolist()), SMALL)
+        depth = length / max(math.dist(flat[0].tolist(), flat[1].tolist()), MIN_DISTANCE_PX)
         return np.asarray(camera.offset + depth * flat)
 
 
@@ -221,11 +224,11 @@ def _read_content(file: Path) -> dict[str, Any]:
     """
     try:
         with file.open("rb") as stream:
-            data = stream.read(LARGEST_FILE + 1)
+            data = stream.read(MAX_FILE_BYTES + 1)
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(data) > LARGEST_FILE:
-        raise InputError(f"is larger than {LARGEST_FILE} bytes: no goal is")
+    if len(data) > MAX_FILE_BYTES:
+        raise InputError(f"is larger than {MAX_FILE_BYTES} bytes: no goal is")
     try:
         content = json.loads(data.decode("utf-8"))
     except (ValueError, RecursionError):
@@ -242,6 +245,6 @@ def _check_points(points: ArrayLike) -> Floats:
     given = np.asarray(points, dtype=np.float64)
     if given.ndim != 2 or given.shape[1:] != (2,) or len(given) < 2 or not np.isfinite(given).all():
         raise InputError("points of a goal are (k, 2) px, two or more", shape=given.shape)
-    if rms_diameter(given) < SMALL or float(np.linalg.norm(given[0] - given[1])) < SMALL:
+    if rms_diameter(given) < MIN_DISTANCE_PX or float(np.linalg.norm(given[0] - given[1])) < MIN_DISTANCE_PX:
         raise InputError("points of a goal lie apart", points=given.tolist())
     return given

@@ -16,7 +16,7 @@ import numpy as np
 from grasptrack.equality import compared_by_value
 from grasptrack.servo.camera import skew_matrix
 from grasptrack.servo.estimate import Estimate
-from grasptrack.servo.features import SMALL
+from grasptrack.servo.features import MIN_DISTANCE_PX
 from grasptrack.servo.goal import Goal
 from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, TURN
 from grasptrack.typing import Floats
@@ -99,17 +99,19 @@ def grasp_pose(known: Estimate, contacts: int, hand: Floats, time: float, dof: i
     if dof == 4:
         approach = hand[:3, 2]
         flat = way - approach * (approach @ way)
-        turn = np.outer(approach, np.cross(approach, flat) @ d_way) / max(float(flat @ flat), SMALL**2)
+        turn = np.outer(approach, np.cross(approach, flat) @ d_way) / max(float(flat @ flat), MIN_DISTANCE_PX**2)
     else:
         approach = o.turn[:, 2] if hand[:3, 2] @ o.turn[:, 2] > 0.0 else -o.turn[:, 2]
         flat, normal = way, o.turn[:, 2]
-        turn = np.outer(normal, np.array([-along[1], along[0]]) @ across) / max(float(along @ along), SMALL**2)
+        turn = np.outer(normal, np.array([-along[1], along[0]]) @ across) / max(
+            float(along @ along), MIN_DISTANCE_PX**2
+        )
         turn[:, POSE] += o.turn
-    closing = flat / max(float(np.linalg.norm(flat)), SMALL)
+    closing = flat / max(float(np.linalg.norm(flat)), MIN_DISTANCE_PX)
     apart = o.points[0] - o.points[1]
     opening = math.hypot(*apart.tolist())
     d_opening = np.zeros(J.shape[-1])
-    d_opening[SHAPE : SHAPE + 4] = np.concatenate([apart, -apart]) / max(opening, SMALL)
+    d_opening[SHAPE : SHAPE + 4] = np.concatenate([apart, -apart]) / max(opening, MIN_DISTANCE_PX)
     six = np.vstack([J.mean(axis=0), turn])
     return GraspPose(
         float(time),
@@ -163,8 +165,8 @@ def tips_to_contacts(known: Estimate, contacts: int, goal: Goal, hand: Floats, t
     between = e.object.points[0] - e.object.points[1]
     length, d_length = goal.opening or math.hypot(*between.tolist()), np.zeros(J.shape[-1])
     if not goal.opening:
-        d_length[SHAPE : SHAPE + 4] = np.concatenate([between, -between]) / max(length, SMALL)
-    wide = max(float(np.linalg.norm(apart)), SMALL)
+        d_length[SHAPE : SHAPE + 4] = np.concatenate([between, -between]) / max(length, MIN_DISTANCE_PX)
+    wide = max(float(np.linalg.norm(apart)), MIN_DISTANCE_PX)
     depth = length / wide
     d_depth = d_length / wide - depth / wide**2 * (apart @ d_apart)
     tips = camera.offset + depth * at_depth.mean(axis=0) - np.array([0.0, 0.0, goal.beyond])

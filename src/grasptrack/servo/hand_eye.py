@@ -23,15 +23,15 @@ from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.model import FOCAL, OFFSET, TURN
 from grasptrack.typing import Floats
 
-FORMAT = 1
+FILE_FORMAT = 1
 """Of a calibration's file; raised when a key changes its meaning or goes away."""
-LARGEST_FILE = 1 << 14
+MAX_FILE_BYTES = 1 << 14
 """Bytes of a calibration's file; none that this writes has nearly as many."""
-UNKNOWNS = 7
+CAMERA_UNKNOWNS = 7
 """Log focal length; turn (rad, about the camera's axes); offset (m, along the hand's)."""
-ROUNDED = 1e-6
+FILE_ROUNDING = 1e-6
 """By how much numbers of a file may miss what they should be: people shorten them."""
-LARGEST = 1e9
+MAX_NUMBER = 1e9
 """No number of a calibration is as large."""
 Kind = Literal["easy_handeye2", "launch"]
 
@@ -67,7 +67,7 @@ class HandEye:
             camera.centre.copy(),
             (width, height),
             pose_of(camera.turn, camera.offset),
-            known.covariance[:UNKNOWNS, :UNKNOWNS].copy(),
+            known.covariance[:CAMERA_UNKNOWNS, :CAMERA_UNKNOWNS].copy(),
         )
 
     def __repr__(self) -> str:
@@ -102,7 +102,7 @@ class HandEye:
 
     def difference(self, other: HandEye) -> Floats:
         """(7,), what leads from this calibration to another, in the order of the covariance."""
-        out = np.empty(UNKNOWNS)
+        out = np.empty(CAMERA_UNKNOWNS)
         out[FOCAL] = math.log(other.focal / self.focal)
         out[TURN] = rotation_vector(self.mounting[:3, :3].T @ other.mounting[:3, :3])
         out[OFFSET] = other.mounting[:3, 3] - self.mounting[:3, 3]
@@ -171,7 +171,7 @@ transformation:  # from the hand to the camera's optical frame: m, and a unit qu
   qz: {qz!r}
   qw: {qw!r}
 grasptrack:
-  format: {FORMAT}
+  format: {FILE_FORMAT}
   size_px: {list(self.size)}  # width, height
   focal_px: {self.focal!r}
   centre_px: {_listed(self.centre)}  # of the optical axis; the centre of the top-left pixel is at 0, 0
@@ -304,14 +304,14 @@ transform:
         own, transform = content.get("grasptrack"), content.get("transformation")
         if not isinstance(own, dict) or not isinstance(transform, dict):
             raise InputError("has no keys grasptrack and transformation, as HandEye.save writes them")
-        if own.get("format") != FORMAT:
-            raise InputError(f"has the format {own.get('format')!r}, not {FORMAT}")
+        if own.get("format") != FILE_FORMAT:
+            raise InputError(f"has the format {own.get('format')!r}, not {FILE_FORMAT}")
         parameters = content.get("parameters")
         if isinstance(parameters, dict) and parameters.get("eye_on_hand", True) is not True:
             raise InputError("is of a camera that is not on the hand: eye_on_hand is true")
         names = ("x", "y", "z", "qx", "qy", "qz", "qw")
         values = _numbers([transform.get(name) for name in names], (7,), f"transformation, with {', '.join(names)}")
-        if abs(float(values[3:] @ values[3:]) - 1.0) > ROUNDED:
+        if abs(float(values[3:] @ values[3:]) - 1.0) > FILE_ROUNDING:
             raise InputError("has a unit quaternion qx, qy, qz, qw", quaternion=values[3:].tolist())
         size = own.get("size_px")
         if not isinstance(size, list) or len(size) != 2 or not all(type(v) is int and v > 0 for v in size):
@@ -319,10 +319,15 @@ transform:
         focal = float(_numbers([own.get("focal_px")], (1,), "focal_px, a number of px")[0])
         if not focal > 0.0:
             raise InputError(f"has a focal_px that is positive, not {focal:g}", focal=focal)
-        covariance = _numbers(own.get("covariance"), (UNKNOWNS, UNKNOWNS), "covariance, 7 rows of 7 numbers")
+        covariance = _numbers(
+            own.get("covariance"), (CAMERA_UNKNOWNS, CAMERA_UNKNOWNS), "covariance, 7 rows of 7 numbers"
+        )
         sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         relative = covariance / np.outer(sd, sd)
-        if np.abs(relative - relative.T).max() > ROUNDED or float(np.linalg.eigvalsh(relative).min()) < -ROUNDED:
+        if (
+            np.abs(relative - relative.T).max() > FILE_ROUNDING
+            or float(np.linalg.eigvalsh(relative).min()) < -FILE_ROUNDING
+        ):
             raise InputError("has a covariance that is symmetric, without negative eigenvalues")
         centre = _numbers(own.get("centre_px"), (2,), "centre_px, x and y in px")
         mounting = pose_of(_rotation_of(values[3:]), values[:3])
@@ -375,7 +380,7 @@ def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Floats:
         return np.array([_numbers(row, shape[1:], what) for row in value])
     if not isinstance(value, list) or len(value) != shape[0]:
         raise InputError(f"has {what}")
-    if any(isinstance(v, bool) or not isinstance(v, (int, float)) or not abs(v) < LARGEST for v in value):
+    if any(isinstance(v, bool) or not isinstance(v, (int, float)) or not abs(v) < MAX_NUMBER for v in value):
         raise InputError(f"has {what}")
     return np.array(value, dtype=np.float64)
 
@@ -402,11 +407,11 @@ def _read_content(file: Path) -> dict[str, Any]:
     """
     try:
         with file.open("rb") as stream:
-            data = stream.read(LARGEST_FILE + 1)
+            data = stream.read(MAX_FILE_BYTES + 1)
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(data) > LARGEST_FILE:
-        raise InputError(f"is larger than {LARGEST_FILE} bytes: no calibration is")
+    if len(data) > MAX_FILE_BYTES:
+        raise InputError(f"is larger than {MAX_FILE_BYTES} bytes: no calibration is")
     try:
         content = read_yaml(data.decode("utf-8"))
     except UnicodeDecodeError:

@@ -14,10 +14,10 @@ from grasptrack.servo.camera import HandCamera, skew_matrix, turn_between
 from grasptrack.servo.estimate import ClassicalIBVS, Estimate
 from grasptrack.servo.features import Features
 from grasptrack.servo.goal import Goal
-from grasptrack.servo.observation import FLOOR, Observation, block_diagonal
+from grasptrack.servo.observation import MIN_NOISE_PX, Observation, block_diagonal
 from grasptrack.typing import Floats
 
-AXES = {4: (0, 1, 2, 5), 6: (0, 1, 2, 3, 4, 5)}
+TWIST_AXES = {4: (0, 1, 2, 5), 6: (0, 1, 2, 3, 4, 5)}
 """Components of the twist that a hand of so many degrees of freedom has."""
 
 
@@ -69,13 +69,13 @@ def twist_for(
         gain: the gain.
         damping: mu, relative to a Jacobian of size 1.
     """
-    axes, m = list(AXES[dof]), len(error)
+    axes, m = list(TWIST_AXES[dof]), len(error)
     depth = max(
         length, 1.0 / max(abs(float(jacobian[2, 2])), 1e-9)
     )  # m by which the third feature, l*/l, changes by one
     unit = np.array([length if a < 2 else depth if a == 2 else 1.0 for a in axes])
     sides = np.column_stack([jacobian[:, axes] * unit, error])
-    faith = FAITH * np.maximum(1.0, np.abs(error))
+    faith = HALF_WEIGHT_SD * np.maximum(1.0, np.abs(error))
     doubt = covariance / np.outer(faith, faith)
     doubt.flat[:: m + 1] += 1.0
     products = sides[:, :-1].T @ np.linalg.solve(doubt, sides)  # J'W J, and J'W e
@@ -86,18 +86,18 @@ def twist_for(
     return out
 
 
-FAITH = 0.05
+HALF_WEIGHT_SD = 0.05
 """A feature that is known to this standard deviation, or to this share of its error, weighs half."""
 
 
-ASIDE, TURNED = 0.006, 0.06
+MAX_ASIDE, MAX_MISALIGNED = 0.006, 0.06
 """m and rad from which on the hand stays at the stand-off; within half of them it goes all the way."""
-UNSURE = 0.1
+MAX_LENGTH_SD = 0.1
 """Relative standard deviation of the contacts' distance from which on it stays at the stand-off."""
-NEARER, CAUTIOUS = 3.0, 0.75
+NEARER_SIZE, CAUTIOUS_SHARE = 3.0, 0.75
 """Standard deviations by which an object may be nearer than it seems, and the share of the way down that is kept for that: what
 is left of the way shows how far away it is."""
-SLOPE = 0.01
+NORMAL_SD = 0.01
 """rad, how well the plane's normal is taken to be known."""
 
 
@@ -177,9 +177,11 @@ def compute_aim(
     here = points if seen is None else _at_depth(camera, contacts, points)
     relative, height = known.relative_error(), float((points - right)[:, 2].sum()) / k
     raised = standoff * _standoff_share(here, right, normal if dof == 6 else None, relative)
-    nearer = NEARER * relative * float((points - camera.offset)[:, 2].sum()) / k  # m by which the object may be nearer
+    nearer = (
+        NEARER_SIZE * relative * float((points - camera.offset)[:, 2].sum()) / k
+    )  # m by which the object may be nearer
     if nearer > standoff:
-        raised = max(raised, min(nearer, CAUTIOUS * height))
+        raised = max(raised, min(nearer, CAUTIOUS_SHARE * height))
     wanted = right.copy()
     wanted[:, 2] += raised
     final, goal_px = camera.project(np.concatenate([right, wanted])).reshape(2, k, 2)
@@ -195,7 +197,7 @@ def compute_aim(
         by_normal = np.hstack([np.zeros((2, 3)), skew_matrix(normal)[:2]])
         jacobian = np.vstack([jacobian, by_normal])
         error, in_the_end = np.append(error, normal[:2]), np.append(in_the_end, normal[:2])
-        wide = np.eye(6) * SLOPE**2
+        wide = np.eye(6) * NORMAL_SD**2
         wide[:4, :4] = covariance
         covariance = wide
     length = math.dist(points[0].tolist(), points[1].tolist())
@@ -214,14 +216,14 @@ def _at_depth(camera: HandCamera, contacts: Floats, points: Floats) -> Floats:
 
 def _standoff_share(points: Floats, right: Floats, normal: Floats | None, relative: float) -> float:
     """The share of the stand-off that is kept: 1 while the hand is not aligned, 0 when it is."""
-    if relative > UNSURE:
+    if relative > MAX_LENGTH_SD:
         return 1.0
     x, y, _ = (points - right).sum(axis=0).tolist()
     aside, turn = math.hypot(x, y) / len(points), abs(turn_between(right, points))
     tilt = 0.0 if normal is None else math.hypot(*normal[:2].tolist())
-    return min(max(2.0 * max(aside / ASIDE, turn / TURNED, tilt / TURNED) - 1.0, 0.0), 1.0)
+    return min(max(2.0 * max(aside / MAX_ASIDE, turn / MAX_MISALIGNED, tilt / MAX_MISALIGNED) - 1.0, 0.0), 1.0)
 
 
 def _contact_covariance(seen: Observation | None, contacts: int) -> Floats:
     """The covariance (2k, 2k) px^2 of the contacts; of predicted ones the least."""
-    return np.eye(2 * contacts) * FLOOR**2 if seen is None else block_diagonal(seen.noise[:contacts])
+    return np.eye(2 * contacts) * MIN_NOISE_PX**2 if seen is None else block_diagonal(seen.noise[:contacts])

@@ -1,20 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the hand does while the grasp is not seen: an explicit policy with time-outs, and its states, sentences and twists."""
+"""What the hand does while the grasp is not seen, by a policy with time-outs, and its way back where it closed on nothing."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from grasptrack import arguments
 from grasptrack.errors import InputError
+from grasptrack.servo.camera import rotation_vector
 from grasptrack.servo.command import Intent
 from grasptrack.servo.law import Aim
-from grasptrack.servo.limits import Limits
+from grasptrack.servo.watchdog import Limits
 from grasptrack.typing import Floats
 
 Step = Literal["coast", "hold", "back off", "give up"]
@@ -150,3 +152,65 @@ class LossHandler:
                 return Intent("searching", doing, self._limits.joined(twist, along))
             case _:
                 return Intent("failed", f"not found again within {lost:.1f} s: {why}")
+
+
+PLACE_DISTANCE = 0.004
+"""m between the places that are remembered."""
+MAX_PLACES = 400
+"""Places."""
+RETREAT_GAIN = 4.0
+"""1/s at which the hand turns and goes to the next place, up to its speed."""
+
+
+class _Place(NamedTuple):
+    time: float
+    pose: Floats
+
+
+class Trail:
+    """The places where the hand has been, as seen from the object: one on a belt has gone on since.
+
+    Args:
+        speed: m/s of going back.
+        far: m from where it closed at which it has gone back far enough.
+    """
+
+    def __init__(self, speed: float, far: float) -> None:
+        self._speed, self._far = speed, far
+        self._places: deque[_Place] = deque(maxlen=MAX_PLACES)
+        self._from: _Place | None = None
+
+    def add(self, now: float, hand: Floats) -> None:
+        """The hand (4, 4) is at a place, s."""
+        if not self._places or math.dist(self._places[-1].pose[:3, 3], hand[:3, 3]) > PLACE_DISTANCE:
+            self._places.append(_Place(now, hand))
+
+    def begin(self, now: float, hand: Floats) -> None:
+        """From here it goes back."""
+        self._from = _Place(now, hand)
+
+    def twist_back(self, now: float, hand: Floats, velocity: Floats) -> Floats | None:
+        """The twist (6,) toward the place before, less what carries the hand along with the object; None once it is there.
+
+        Args:
+            now: s.
+            hand: (4, 4).
+            velocity: (3,) m/s of the object in the base.
+        """
+        start = self._from
+        if start is None or math.dist(_carried(start, now, velocity), hand[:3, 3]) >= self._far:
+            return None
+        while self._places:
+            way = _carried(self._places[-1], now, velocity) - hand[:3, 3]
+            if float(np.sqrt(way @ way)) > PLACE_DISTANCE:
+                turn = rotation_vector(hand[:3, :3].T @ self._places[-1].pose[:3, :3])
+                size = float(np.sqrt(way @ way))
+                back = hand[:3, :3].T @ way * min(RETREAT_GAIN, self._speed / size)
+                return np.concatenate([back, RETREAT_GAIN * turn])
+            self._places.pop()
+        return None
+
+
+def _carried(place: _Place, now: float, velocity: Floats) -> Floats:
+    """(3,) m, where a place of the object's surroundings is by now."""
+    return np.asarray(place.pose[:3, 3] + (now - place.time) * velocity)

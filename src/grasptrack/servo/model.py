@@ -23,9 +23,9 @@ OBJECT_AT, GOING, AXES, POINTS = slice(24, 27), slice(27, 30), slice(30, 39), 39
 FOCAL, TURN, OFFSET, PLACE, POSE = 0, slice(1, 4), slice(4, 7), slice(7, 10), slice(10, 13)
 SPEED, SHAPE = slice(13, 16), 16
 """Where in a step."""
-NEAREST = 1e-3
+NEAREST_DEPTH = 1e-3
 """m in front of the camera within which nothing is seen."""
-STRETCH = 0.5
+MAX_FOCAL_STEP = 0.5
 """Most by which a step changes the log of the focal length."""
 
 
@@ -84,7 +84,7 @@ def retract_state(state: Floats, step: Floats) -> Floats:
     if len(step) != SHAPE + 2 * n:
         raise ValueError("a step has a number for each unknown")
     out = state.copy()
-    out[0] *= np.exp(np.clip(step[FOCAL], -STRETCH, STRETCH))
+    out[0] *= np.exp(np.clip(step[FOCAL], -MAX_FOCAL_STEP, MAX_FOCAL_STEP))
     out[CAMERA] = (state[CAMERA].reshape(3, 3) @ rotation_matrix(step[TURN])).ravel()
     out[OBJECT] = (state[OBJECT].reshape(3, 3) @ rotation_matrix(step[POSE])).ravel()
     out[CAMERA_AT] += step[OFFSET]
@@ -131,7 +131,7 @@ def expected_sightings(state: Floats, hands: Floats, later: Floats) -> tuple[Flo
     P = (in_hand.reshape(-1, 3) - state[CAMERA_AT]) @ turn
     out, A = np.zeros((N, n, 2, SHAPE + 2 * n)), np.zeros((N * n, 2, 3))
     with np.errstate(all="ignore"):
-        pixels = np.where(P[:, 2:] > NEAREST, focal * P[:, :2] / P[:, 2:] + state[CENTRE], np.nan)
+        pixels = np.where(P[:, 2:] > NEAREST_DEPTH, focal * P[:, :2] / P[:, 2:] + state[CENTRE], np.nan)
         A[:, 0, 0] = A[:, 1, 1] = focal / P[:, 2]
         A[:, :, 2] = -focal * P[:, :2] / P[:, 2:] ** 2
         out[..., FOCAL] = (pixels - state[CENTRE]).reshape(N, n, 2)

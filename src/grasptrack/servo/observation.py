@@ -57,12 +57,12 @@ class Poses:
         return interpolate_pose(self._poses[i - 1], self._poses[i], (time - before) / (after - before))
 
 
-FLOOR = 0.2
+MIN_NOISE_PX = 0.2
 """px, the least standard deviation of a point: covariances know noise, not models."""
-FLOORS = np.eye(2)[None] * FLOOR**2
-MOST = 30.0
+MIN_NOISE = np.eye(2)[None] * MIN_NOISE_PX**2
+MAX_NOISE_PX = 30.0
 """px, the largest that is made of an unbounded one."""
-REACH = 0.7
+SQUARE_REACH = 0.7
 """Half the side of the reference square, in distances of the contacts."""
 
 
@@ -146,9 +146,9 @@ class ResultObserver:
             return None
         points = np.asarray(result.contacts, dtype=np.float64)
         k = len(points)
-        if not rms_diameter(points) > FLOOR:  # one point, by all that is known, or none
+        if not rms_diameter(points) > MIN_NOISE_PX:  # one point, by all that is known, or none
             return None
-        noise = FLOORS.repeat(k, axis=0)
+        noise = MIN_NOISE.repeat(k, axis=0)
         if result.covariance is not None:
             noise += (
                 result.covariance if _are_valid_covariances(result.covariance) else _clip_covariances(result.covariance)
@@ -172,21 +172,21 @@ class ResultObserver:
 def _are_valid_covariances(covariance: Floats) -> bool:
     """Whether these (k, 2, 2) are covariances within bounds, as nearly all are: then there is nothing to mend."""
     for (xx, xy), (yx, yy) in covariance.tolist():
-        if not (xy == yx and xx >= 0.0 and yy >= 0.0 and xx + yy <= MOST**2 and xx * yy >= xy * xy):
+        if not (xy == yx and xx >= 0.0 and yy >= 0.0 and xx + yy <= MAX_NOISE_PX**2 and xx * yy >= xy * xy):
             return False
     return True
 
 
 def _clip_covariances(covariance: Floats) -> Floats:
-    """The covariances (k, 2, 2) with variances in 0 to MOST^2 along their axes."""
-    told = np.nan_to_num(covariance, nan=MOST**2, posinf=MOST**2, neginf=MOST**2)
+    """The covariances (k, 2, 2) with variances in 0 to MAX_NOISE_PX^2 along their axes."""
+    told = np.nan_to_num(covariance, nan=MAX_NOISE_PX**2, posinf=MAX_NOISE_PX**2, neginf=MAX_NOISE_PX**2)
     values, vectors = np.linalg.eigh(told)
-    return np.asarray((vectors * np.clip(values, 0.0, MOST**2)[:, None, :]) @ np.swapaxes(vectors, 1, 2))
+    return np.asarray((vectors * np.clip(values, 0.0, MAX_NOISE_PX**2)[:, None, :]) @ np.swapaxes(vectors, 1, 2))
 
 
 def _reference_square(contacts: Floats, homography: Floats) -> Floats:
     """The corners (4, 2) px of a square round the contacts, in the reference view."""
     reference = apply_homography(np.linalg.inv(homography), contacts)
     mean = reference.mean(axis=0)
-    reach = REACH * float(np.sqrt(((reference - mean) ** 2).sum(axis=1).max())) * 2.0
+    reach = SQUARE_REACH * float(np.sqrt(((reference - mean) ** 2).sum(axis=1).max())) * 2.0
     return np.asarray(mean + reach * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) / np.sqrt(2.0))

@@ -18,11 +18,10 @@ import numpy as np
 from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import NominalCamera, inverse_pose
-from grasptrack.servo.drift import DriftAlarm
 from grasptrack.servo.estimate import (
-    AGREEING,
-    ASTIR,
-    FAR,
+    AGREEING_IMAGES,
+    OUTLIER_SIZE,
+    PUSHED_SECONDS,
     ClassicalIBVS,
     Estimate,
     Origin,
@@ -35,12 +34,11 @@ from grasptrack.servo.first_estimate import UnexploredError, initialize_calibrat
 from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.model import SHAPE, Placed
 from grasptrack.servo.observation import Observation, Poses
-from grasptrack.servo.setup_check import delay_sightings, find_fault, find_lateness
-from grasptrack.servo.tilt_check import TiltCheck
-from grasptrack.servo.trust import Trust
+from grasptrack.servo.setup_check import TiltCheck, delay_sightings, find_fault, find_lateness
+from grasptrack.servo.trust import DriftAlarm, Trust
 from grasptrack.typing import Floats
 
-ORDER = {4: (0, 2, 5, 1), 6: (0, 2, 5, 1, 3, 4)}
+MOVE_ORDER = {4: (0, 2, 5, 1), 6: (0, 2, 5, 1, 3, 4)}
 """Components of the twist in turn. The first alone tells mounting angle and length, so that a moving object can be followed."""
 
 
@@ -81,30 +79,30 @@ class Exploration:
         return out
 
 
-KEPT = 80
+MAX_SIGHTINGS = 80
 """Observations that are kept; of the older half then every second."""
-ELSEWHERE, LATER = 0.002, 0.2
+MIN_WAY, MIN_DELAY = 0.002, 0.2
 """m, rad and s from the last that is kept."""
-EVERY, STEPS, FEWEST, AFRESH = 5, 2, 8, 20
+REFINE_EVERY, REFINE_STEPS, REFINE_FROM, AFRESH_STEPS = 5, 2, 8, 20
 """All are gone through again every so many sightings, or at once while the search has not settled, with so many steps, from so
 many on; with so many where it must be known whether they can be explained at all."""
-ANYWHERE = 0.02
+REGRASP_SD = 0.02
 """m, how well the contacts of another grasp are known from a first look at them."""
-SURE = 0.01
+SURE_LENGTH = 0.01
 """Relative standard deviation of a length that needs no further moves."""
-AMISS = 4.0
+MAX_SCALE = 4.0
 """Scale of the residuals from which on the search begins anew from the exploratory moves."""
-DOUBLINGS = 2
+MAX_DOUBLINGS = 2
 """How often moves that showed nothing are made larger."""
 KEPT_INTERVALS = 9
 """Sightings of which the usual interval is the median."""
 LEAST_IMAGES = 4
 """Images in which each exploratory move shows."""
-SHOWING = 2
+MOVES_BEFORE_CHECK = 2
 """Moves after which the set-up is looked at: a sighting of the first move may come as late as that."""
-SQUARE = 3.0
+SQUARE_SIZE = 3.0
 """Standard deviations of the tilt within which a part is taken to be square to the hand."""
-STRANGE = 75
+MAX_MISFITS = 75
 """So many sightings of the last hundred that do not fit, and the estimate is begun anew."""
 
 
@@ -140,7 +138,7 @@ class SelfCalibration:
         reference: HandEye | None = None,
         fixed: bool = False,
     ) -> None:
-        self._how, self._order, self._nominal, self._poses = exploration, ORDER[dof], camera, poses
+        self._how, self._order, self._nominal, self._poses = exploration, MOVE_ORDER[dof], camera, poses
         self._fixed = fixed
         self._square, self._forgiven, self._reference = dof == 4, forgiven, reference
         self._widest = widest
@@ -154,7 +152,7 @@ class SelfCalibration:
         self._has_moves = True  # whether those of the exploratory moves are among them
         self._origin: Origin | None = None
         self._search: Search | None = None
-        self._last: deque[Observation] = deque(maxlen=AGREEING)
+        self._last: deque[Observation] = deque(maxlen=AGREEING_IMAGES)
         self._since = 0
         self._stage, self._began, self._larger, self._doublings = 0, float("nan"), 1.0, 0
         self._fits: deque[bool] = deque(maxlen=100)
@@ -209,7 +207,7 @@ class SelfCalibration:
     def explore_again(self) -> bool:
         """Explore once more where the length of the grasp is not known well, once for each grasp; whether it will."""
         known = self.estimate
-        if self._sure or not isinstance(known, Estimate) or known.relative_error() < SURE:
+        if self._sure or not isinstance(known, Estimate) or known.relative_error() < SURE_LENGTH:
             return False
         self._sure = self._asked = True
         self._stage, self._began, self._larger = 0, float("nan"), 1.0
@@ -223,7 +221,7 @@ class SelfCalibration:
         fits = True
         self._last.append(seen)
         if isinstance(self.estimate, Estimate):
-            fits = self.estimate.observe(seen) < FAR
+            fits = self.estimate.observe(seen) < OUTLIER_SIZE
             if self.estimate.is_displaced:
                 fits = self._explain_mismatch(self.estimate, seen)
         elif self.estimate is not None:
@@ -237,7 +235,7 @@ class SelfCalibration:
                 )
         self._keep_observation(seen)
         self._fits.append(fits)
-        if sum(not f for f in self._fits) >= STRANGE:
+        if sum(not f for f in self._fits) >= MAX_MISFITS:
             self.restart_estimate()
             return False
         if self.exploring:
@@ -258,7 +256,7 @@ class SelfCalibration:
             self.begin_anew()
             return
         o = known.object
-        covariance = np.eye(SHAPE + points.size) * ANYWHERE**2
+        covariance = np.eye(SHAPE + points.size) * REGRASP_SD**2
         covariance[:SHAPE, :SHAPE] = known.covariance[:SHAPE, :SHAPE]
         moved = Placed(points, o.turn, o.place, o.speed, o.axes)
         self._origin = Origin(known.camera, moved, covariance, seen.time)
@@ -269,14 +267,14 @@ class SelfCalibration:
 
     def _explain_mismatch(self, known: Estimate, seen: Observation) -> bool:
         """What was seen agrees with itself, not with the estimate: is that the estimate's fault, or was the object moved?"""
-        if self._origin is not None and len(self._seen) >= FEWEST and not np.isfinite(known.displaced_at):
-            anew, search = refine_estimate(self._origin, [*self._seen, *self._last], self._search, AFRESH)
-            if all(normalized_residual(anew, one) < FAR for one in self._last):
+        if self._origin is not None and len(self._seen) >= REFINE_FROM and not np.isfinite(known.displaced_at):
+            anew, search = refine_estimate(self._origin, [*self._seen, *self._last], self._search, AFRESH_STEPS)
+            if all(normalized_residual(anew, one) < OUTLIER_SIZE for one in self._last):
                 self.estimate, self._search = anew, search
                 return True
         known.release_object(seen.time)
         self.displacements += 1
-        return known.observe(seen) < FAR
+        return known.observe(seen) < OUTLIER_SIZE
 
     def _keep_observation(self, seen: Observation) -> None:
         """Keep what tells more than the last one: sightings from elsewhere, or some time later."""
@@ -284,11 +282,11 @@ class SelfCalibration:
         if self._seen and not self.exploring:
             last = self._seen[-1]
             way = float(np.abs(seen.hand - last.hand).max())
-            if way < ELSEWHERE and seen.time - last.time < LATER:
+            if way < MIN_WAY and seen.time - last.time < MIN_DELAY:
                 return
         self._seen.append(seen)
-        if len(self._seen) > KEPT:
-            self._seen = self._seen[: KEPT // 2 : 2] + self._seen[KEPT // 2 :]
+        if len(self._seen) > MAX_SIGHTINGS:
+            self._seen = self._seen[: MAX_SIGHTINGS // 2 : 2] + self._seen[MAX_SIGHTINGS // 2 :]
 
     def _is_displaced(self) -> bool:
         """Whether there is no estimate, or none of where the object rests."""
@@ -305,7 +303,7 @@ class SelfCalibration:
             return
         if np.isfinite(known.displaced_at):
             if (
-                known.time > known.displaced_at + ASTIR
+                known.time > known.displaced_at + PUSHED_SECONDS
             ):  # it rests, or moves evenly again: what came before is the prior
                 self._origin = Origin(known.camera, known.object, known.covariance.copy(), known.time)
                 self._search = None
@@ -313,10 +311,12 @@ class SelfCalibration:
                 known.settle()
             return
         settled = self._search is None or self._search.settled
-        if len(self._seen) < FEWEST or (settled and self._since < min(EVERY, len(self._seen) // FEWEST)):
+        if len(self._seen) < REFINE_FROM or (
+            settled and self._since < min(REFINE_EVERY, len(self._seen) // REFINE_FROM)
+        ):
             return
         self._since = 0
-        anew, self._search = refine_estimate(self._origin, self._seen, self._search, STEPS)
+        anew, self._search = refine_estimate(self._origin, self._seen, self._search, REFINE_STEPS)
         anew.advance(known.time)
         anew.follow(known)
         self.estimate = anew
@@ -327,13 +327,13 @@ class SelfCalibration:
             self._began = time
         if time < self._began + self._seconds():
             return
-        if self._nominal is None and self._stage + 1 >= SHOWING:
+        if self._nominal is None and self._stage + 1 >= MOVES_BEFORE_CHECK:
             self._check_setup(centre)
             if self.failed:
                 return
         if self._origin is not None:
-            self.estimate, self._search = refine_estimate(self._origin, self._seen, self._search, AFRESH)
-            if self._search.scale < AMISS:
+            self.estimate, self._search = refine_estimate(self._origin, self._seen, self._search, AFRESH_STEPS)
+            if self._search.scale < MAX_SCALE:
                 self._stage, self._began = self._stage + 1, time
                 return
         try:
@@ -344,7 +344,7 @@ class SelfCalibration:
         except UnexploredError as found:
             self._doublings += 1
             self._larger *= 2.0
-            if self._doublings > DOUBLINGS:
+            if self._doublings > MAX_DOUBLINGS:
                 self.failed = str(found)
         self._began = time
 
@@ -364,7 +364,7 @@ class SelfCalibration:
         known = self.estimate
         assert isinstance(known, Estimate)
         tilt = self._tilt.look(self._seen, known, centre, side)
-        if tilt is None or tilt.angle < SQUARE * tilt.sd:
+        if tilt is None or tilt.angle < SQUARE_SIZE * tilt.sd:
             return
         if self._tilt.is_too_large(tilt):
             self.failed = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The last word on every twist. It knows nothing of vision: only what the hand was told, where it is, and when an image came.
+"""The limits, and the last word on every twist. It knows nothing of vision: only twists, poses, and when an image came.
 
 An arm in velocity mode does what the last twist said until it is told another. So whatever goes wrong further in, what leaves
 the servo stays within the limits, comes to rest where nothing new is seen, and stays at rest once all is over.
@@ -15,8 +15,7 @@ import numpy as np
 
 from grasptrack import arguments
 from grasptrack.errors import InputError
-from grasptrack.servo.clock import Tick
-from grasptrack.servo.limits import Limits
+from grasptrack.servo.clock import PATIENCE_IMAGES, Tick
 from grasptrack.typing import Floats
 
 
@@ -48,13 +47,11 @@ class Bounds:
             raise InputError("bounds are positive", bounds=repr(self))
 
 
-IMAGES = 3
-"""Intervals between images for which it may go on without a new one."""
-TURNED_BACK = 0.8
+RISE_SHARE = 0.8
 """Share of the rise at which it is told to go no higher: the rest is for the lag of the arm."""
-REACTION = 0.2
+REACTION_TIME = 0.2
 """s within which an arm does what it is told."""
-ALONG = 0.5
+MIN_COSINE_Z = 0.5
 """Cosine from which on a hand of 6 DoF comes along the axis z of the base."""
 
 
@@ -96,7 +93,7 @@ class Watchdog:
     def note_image(self, now: float, interval: float) -> None:
         """A new image at a time of the servo's, s; images usually come every so many s."""
         self._image = now
-        self._patience = max(self._bounds.blind, IMAGES * interval)
+        self._patience = max(self._bounds.blind, PATIENCE_IMAGES * interval)
 
     def forget_image(self) -> None:
         """The clock has jumped: nobody knows how old the last image is."""
@@ -141,14 +138,14 @@ class Watchdog:
         goal = np.zeros(6)
         if not self.over and np.isfinite(wanted).all():
             goal = self._slowed(wanted, tick.now + pace)
-            goal = self._stopped(goal, hand, self._up, TURNED_BACK * self._bounds.rise - self.rise(hand))
+            goal = self._stopped(goal, hand, self._up, RISE_SHARE * self._bounds.rise - self.rise(hand))
             goal = self._stopped(goal, hand, -self._up, self.floor + self.rise(hand))
         self.twist = self._limits.reachable(goal, self.twist, tick.step)
         return Verdict(self.twist.copy(), failure)
 
     def _find_up(self, hand: Floats) -> Floats:
         approach = hand[:3, 2]
-        if self._upright or abs(approach[2]) < ALONG:
+        if self._upright or abs(approach[2]) < MIN_COSINE_Z:
             return np.asarray(-approach)
         return np.array([0.0, 0.0, -math.copysign(1.0, approach[2])])
 
@@ -181,9 +178,78 @@ class Watchdog:
         """Less of what would take it farther in a direction of the base than the way in m that is left."""
         way = hand[:3, :3].T @ toward
         speed, left = float(way @ wanted[:3]), max(left, 0.0)
-        most = min(left / REACTION, math.sqrt(2.0 * self._limits.linear_acceleration * left))
+        most = min(left / REACTION_TIME, math.sqrt(2.0 * self._limits.linear_acceleration * left))
         if speed <= most:
             return wanted
         out = wanted.copy()
         out[:3] -= (speed - most) * way
         return out
+
+
+@arguments.checked(
+    linear=arguments.number,
+    angular=arguments.number,
+    linear_acceleration=arguments.number,
+    angular_acceleration=arguments.number,
+)
+@dataclass(frozen=True)
+class Limits:
+    """What the hand may do.
+
+    Args:
+        linear: m/s. A belt that is faster cannot be followed.
+        angular: rad/s.
+        linear_acceleration: m/s^2.
+        angular_acceleration: rad/s^2.
+
+    Raises:
+        InputError: one of them is not positive.
+    """
+
+    linear: float = 0.5
+    angular: float = 1.2
+    linear_acceleration: float = 2.5
+    angular_acceleration: float = 8.0
+
+    def __post_init__(self) -> None:
+        if not all(v > 0.0 for v in (self.linear, self.angular, self.linear_acceleration, self.angular_acceleration)):
+            raise InputError("limits are positive", limits=repr(self))
+
+    def joined(self, wanted: Floats, carried: Floats) -> Floats:
+        """The sum of both twists (6,), the first as much shortened as the velocity limits ask for.
+
+        What carries the hand along with the object is kept, so that a limit slows the approach and not the following.
+        """
+        more, kept = wanted.tolist(), carried.tolist()
+        kept = [*_limit_norm(kept[:3], self.linear), *_limit_norm(kept[3:], self.angular)]
+        share = min(_largest_share(kept[:3], more[:3], self.linear), _largest_share(kept[3:], more[3:], self.angular))
+        return np.array([k + share * m for k, m in zip(kept, more, strict=True)])
+
+    def reachable(self, wanted: Floats, last: Floats, seconds: float) -> Floats:
+        """The twist nearest to the wanted one that velocity and acceleration allow after the last one."""
+        goal, before, out = wanted.tolist(), last.tolist(), []
+        for part, most, change in (
+            (slice(0, 3), self.linear, self.linear_acceleration),
+            (slice(3, 6), self.angular, self.angular_acceleration),
+        ):
+            way = [g - b for g, b in zip(_limit_norm(goal[part], most), before[part], strict=True)]
+            way = _limit_norm(way, change * max(seconds, 0.0))
+            out += _limit_norm([b + w for b, w in zip(before[part], way, strict=True)], most)
+        return np.array(out)
+
+
+def _limit_norm(v: list[float], most: float) -> list[float]:
+    size = math.hypot(*v)
+    return v if size <= most else [x * (most / size) for x in v]
+
+
+def _largest_share(kept: list[float], more: list[float], most: float) -> float:
+    """The largest s of 0 to 1 with |kept + s more| <= most."""
+    a, b, c = _dot_product(more, more), _dot_product(kept, more), _dot_product(kept, kept) - most**2
+    if a < 1e-18 or a + 2.0 * b + c <= 0.0:
+        return 1.0
+    return min(max((-b + math.sqrt(max(b * b - a * c, 0.0))) / a, 0.0), 1.0)
+
+
+def _dot_product(v: list[float], w: list[float]) -> float:
+    return sum(x * y for x, y in zip(v, w, strict=True))
