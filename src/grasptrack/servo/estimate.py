@@ -14,12 +14,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from grasptrack.servo.camera import HandCamera, NominalCamera
-from grasptrack.servo.features import rms_diameter
 from grasptrack.servo.model import (
     FOCAL,
     OFFSET,
@@ -30,15 +28,13 @@ from grasptrack.servo.model import (
     TURN,
     Placed,
     advance_state,
-    check_size,
-    count_points,
     expected_sightings,
     pack_state,
     retract_state,
     state_difference,
     unpack_state,
 )
-from grasptrack.servo.observation import Observation, block_diagonal, stack_observations
+from grasptrack.servo.observation import Observation, ObservationStack, block_diagonal, stack_observations
 from grasptrack.typing import Floats
 
 ROBUST_SIZE = 3.0
@@ -97,8 +93,7 @@ class Estimate:
         time: s, at which the object is where it is said to be.
     """
 
-    linearised_at_goal = False
-    """Whether the interaction matrix is that of the goal, and not that of where the points are."""
+    linearised_at_goal = False  # the interaction matrix is that of where the points are
 
     def __init__(self, state: Floats, covariance: Floats, time: float) -> None:
         self._set_state(state, covariance)
@@ -135,15 +130,9 @@ class Estimate:
         return np.asarray((o.points @ o.turn[:, :2].T + place) @ R)
 
     def observe(self, seen: Observation) -> float:
-        """Take in what was seen.
-
-        Returns:
-            The innovation, in standard deviations (root of the mean square); inf where nothing could be compared.
-        """
+        """Take in what was seen; the innovation in rms standard deviations, inf where nothing could be compared."""
         self.advance(seen.time)
-        state, covariance, off, size = filter_sighting(
-            self._state, self.covariance, seen.hand, seen.points, seen.noise, ROBUST_SIZE
-        )
+        state, covariance, off, size = filter_sighting(self._state, self.covariance, seen)
         if math.isfinite(size):
             self._count_outliers(off, size)
             self._set_state(state, covariance)
@@ -203,41 +192,28 @@ class Estimate:
 
 
 def filter_sighting(
-    state: Floats, covariance: Floats, hand: Floats, points: Floats, noise: Floats, robust: float
+    state: Floats, covariance: Floats, seen: Observation, robust: float = ROBUST_SIZE
 ) -> tuple[Floats, Floats, Floats, float]:
     """One update of an extended Kalman filter by what was seen at the state's time.
 
     Args:
         state: (39 + 2n,) before.
         covariance: (16 + 2n, 16 + 2n) of its error.
-        hand: (4, 4), its pose in the base.
-        points: (n, 2) px, where they were seen.
-        noise: (n, 2, 2) px^2.
+        seen: the sighting.
         robust: innovations of so many standard deviations count a quarter: the noise grows with the innovation (Geman and
             McClure's weight).
 
     Returns:
         State and covariance after; (2n,) px, what was seen less what was expected; the innovation in standard deviations
         (root of the mean square), infinite where a point would lie behind the camera: nothing is changed then.
-
-    Raises:
-        ValueError: a size that is none, or a noise that makes the update singular.
     """
-    n = count_points(state)
-    check_size(covariance, n)
-    if hand.shape != (4, 4):
-        raise ValueError("a pose is (4, 4)")
-    if points.shape != (n, 2) or noise.shape != (n, 2, 2):
-        raise ValueError("each point needs its noise, (2, 2)")
-    pixels, H = expected_sightings(state, hand[None], np.zeros(1))
-    off = (points - pixels).ravel()
+    pixels, H = expected_sightings(state, seen.hand[None], np.zeros(1))
+    off = (seen.points - pixels).ravel()
     if not np.isfinite(pixels).all():
         return state.copy(), covariance.copy(), off, float("inf")
-    R = np.zeros((2 * n, 2 * n))
-    for i, block in enumerate(noise):
-        R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = block
+    R = block_diagonal(seen.noise)
     PH = covariance @ H.T
-    size = float(np.sqrt(off @ np.linalg.solve(H @ PH + R, off) / len(off)))
+    size = rms_deviations(off, H @ PH + R)
     gain = np.linalg.solve(H @ PH + R * (1.0 + (size / robust) ** 2) ** 2, PH.T).T
     P = covariance - gain @ PH.T
     return retract_state(state, gain @ off), np.asarray(0.5 * (P + P.T)), off, size
@@ -253,8 +229,7 @@ def place_object(camera: HandCamera, seen: Observation, depth: float, facing: Fl
         facing: (3, 3), axes and normal of its plane in the base.
         slope: rad, by how much the plane in which it moves may be tilted against that.
     """
-    rays = camera.ray_directions(seen.points) @ seen.hand[:3, :3].T  # in the base
-    origin = seen.hand[:3, :3] @ camera.offset + seen.hand[:3, 3]
+    origin, rays = _rays_in_base(camera, seen)
     height = rays @ facing[:, 2]
     points = origin + depth * rays * (height.mean() / height)[:, None]
     place = points[: seen.contacts].mean(axis=0)
@@ -263,8 +238,7 @@ def place_object(camera: HandCamera, seen: Observation, depth: float, facing: Fl
 
 def on_plane(camera: HandCamera, object_: Placed, seen: Observation) -> Floats | None:
     """Where other points of the object lie in its plane, (n, 2) m; None where they are not seen on it."""
-    rays = camera.ray_directions(seen.points) @ seen.hand[:3, :3].T
-    origin = seen.hand[:3, :3] @ camera.offset + seen.hand[:3, 3]
+    origin, rays = _rays_in_base(camera, seen)
     normal = object_.turn[:, 2]
     far = ((object_.place - origin) @ normal) / (rays @ normal)
     if not (np.isfinite(far).all() and (far > 0.0).all()):
@@ -272,10 +246,21 @@ def on_plane(camera: HandCamera, object_: Placed, seen: Observation) -> Floats |
     return np.asarray((origin + far[:, None] * rays - object_.place) @ object_.turn[:, :2])
 
 
+def _rays_in_base(camera: HandCamera, seen: Observation) -> tuple[Floats, Floats]:
+    """The camera's place (3,) m in the base, and the directions (n, 3) there of what is seen."""
+    R = seen.hand[:3, :3]
+    return R @ camera.offset + seen.hand[:3, 3], camera.ray_directions(seen.points) @ R.T
+
+
 def normalized_residual(known: Estimate, seen: Observation) -> float:
-    """How far off a sighting is, in its own standard deviations (root of the mean square)."""
+    """How far off a sighting is, in its own rms standard deviations."""
     off = (seen.points - known.camera.project(known.in_hand(seen.hand, seen.time))).ravel()
-    return float(np.sqrt(off @ np.linalg.solve(block_diagonal(seen.noise), off) / len(off)))
+    return rms_deviations(off, block_diagonal(seen.noise))
+
+
+def rms_deviations(off: Floats, covariance: Floats) -> float:
+    """The size of an error (m,) of a covariance (m, m), in standard deviations (root of the mean square)."""
+    return float(np.sqrt(off @ np.linalg.solve(covariance, off) / len(off)))
 
 
 SETTLED_FALL, MAX_DAMPING = 1e-2, 1e6
@@ -287,14 +272,7 @@ as much, and no small step leads back."""
 
 @dataclass(frozen=True)
 class Origin:
-    """What was known before.
-
-    Attributes:
-        camera: most likely.
-        object: most likely, at `time`.
-        covariance: (16 + 2n, 16 + 2n).
-        time: s.
-    """
+    """What was known before: the likeliest camera and object at a time, s, and the covariance (16 + 2n, 16 + 2n)."""
 
     camera: HandCamera
     object: Placed
@@ -340,32 +318,16 @@ def refine_estimate(
         start: where an earlier search had come to; default the prior's camera and object.
         steps: most steps. A search that has not settled can go on from what is returned.
     """
-    all_seen = stack_observations(seen)
-    now = start or Search(origin.packed_state)
-    sightings = Sightings(all_seen.hands, all_seen.times - origin.time, all_seen.points, all_seen.noise)
+    sightings, now = stack_observations(seen, origin.time), start or Search(origin.packed_state)
     found, covariance = calibrate_batch(origin.packed_state, origin.information_matrix, sightings, now, steps)
     made = Estimate(found.state, covariance, origin.time)
     made.advance(seen[-1].time, evenly=True)
     return made, replace(found, damping=min(found.damping, 1.0))
 
 
-class Sightings(NamedTuple):
-    """What was seen from N poses.
-
-    Attributes:
-        hands: (N, 4, 4) poses in the base.
-        later: (N,) s, of each after the time of the states.
-        points: (N, n, 2) px, where they were seen.
-        noise: (N, n, 2, 2) px^2.
-    """
-
-    hands: Floats
-    later: Floats
-    points: Floats
-    noise: Floats
-
-
-def calibrate_batch(origin: Floats, known: Floats, seen: Sightings, start: Search, steps: int) -> tuple[Search, Floats]:
+def calibrate_batch(
+    origin: Floats, known: Floats, seen: ObservationStack, start: Search, steps: int
+) -> tuple[Search, Floats]:
     """The state that explains all sightings best, with what was known before as a prior.
 
     Residuals of a sighting count together, in Geman and McClure's function: where their rms is `ROBUST_SIZE` times the scale,
@@ -382,16 +344,8 @@ def calibrate_batch(origin: Floats, known: Floats, seen: Sightings, start: Searc
         Where the search has come to, and the covariance (16 + 2n, 16 + 2n) of that state.
 
     Raises:
-        ValueError: a size that is none, a noise that is not positive, or equations that are singular.
+        LinAlgError: a noise that is not positive, or equations that are singular.
     """
-    n, N = count_points(origin), len(seen.hands)
-    check_size(known, n)
-    if not N or seen.hands.shape[1:] != (4, 4) or len(seen.later) != N:
-        raise ValueError("poses are (N, 4, 4), one or more, each with its time")
-    if len(start.state) != len(origin):
-        raise ValueError("both states have as many points")
-    if seen.points.shape != (N, n, 2) or seen.noise.shape != (N, n, 2, 2):
-        raise ValueError("each point needs its noise, (2, 2)")
     evidence = _Evidence(origin, known, seen)
     now, damping = start.state.copy(), start.damping
     evidence.compute_residuals(now)
@@ -420,21 +374,33 @@ def calibrate_batch(origin: Floats, known: Floats, seen: Sightings, start: Searc
     return Search(now, damping, settled, scale), np.asarray(np.linalg.inv(A), dtype=np.float64)
 
 
+class WhitenedSightings:
+    """Sightings, and what a state leaves of them, in their own standard deviations."""
+
+    def __init__(self, seen: ObservationStack) -> None:
+        self._seen, self._white = seen, np.linalg.inv(np.linalg.cholesky(seen.noise))
+
+    def residuals(self, state: Floats) -> tuple[Floats, Floats]:
+        """Residuals (N, 2n), NaN behind the camera, and derivatives (N, n, 2, 16 + 2n) of pixels, not whitened yet."""
+        seen, shape = self._seen, self._seen.points.shape
+        pixels, slopes = expected_sightings(state, seen.hands, seen.times)
+        off = (self._white @ (seen.points - pixels.reshape(shape))[..., None])[..., 0]
+        return off.reshape(len(seen.hands), -1), slopes.reshape(*shape, -1)
+
+    def jacobian(self, slopes: Floats) -> Floats:
+        """(N, 2n, 16 + 2n), whitened."""
+        return np.asarray((self._white @ slopes).reshape(len(slopes), -1, slopes.shape[-1]))
+
+
 class _Evidence:
     """The sightings as one system of equations."""
 
-    def __init__(self, origin: Floats, known: Floats, seen: Sightings) -> None:
-        self._origin, self._known, self._seen = origin, known, seen
-        self._white = np.linalg.inv(np.linalg.cholesky(seen.noise))
+    def __init__(self, origin: Floats, known: Floats, seen: ObservationStack) -> None:
+        self._origin, self._known, self._seen = origin, known, WhitenedSightings(seen)
 
     def compute_residuals(self, state: Floats) -> None:
         """What a state leaves of the sightings, and of what was known before."""
-        pixels, slopes = expected_sightings(state, self._seen.hands, self._seen.later)
-        shape = self._seen.points.shape
-        self._off = (self._white @ (self._seen.points - pixels.reshape(shape))[..., None])[..., 0].reshape(
-            len(self._seen.hands), -1
-        )
-        self._slopes = slopes.reshape(*shape, -1)
+        self._off, self._slopes = self._seen.residuals(state)
         size2 = (self._off * self._off).mean(axis=1)
         self._size2 = np.where(np.isnan(size2), np.inf, size2)
         self._d = state_difference(self._origin, state)
@@ -456,8 +422,7 @@ class _Evidence:
         """The normal equations A x = b."""
         weight = 1.0 / (1.0 + self._size2 / (ROBUST_SIZE * scale) ** 2) ** 2
         behind = ~np.isfinite(self._size2)  # the camera: they count as far off, and ask for nothing
-        J = (self._white @ self._slopes).reshape(*self._off.shape, -1)
-        off = self._off.copy()
+        J, off = self._seen.jacobian(self._slopes), self._off.copy()
         off[behind], J[behind] = 0.0, 0.0
         JW = (J * weight[:, None, None]).reshape(-1, J.shape[-1])
         A = np.asarray(JW.T @ J.reshape(-1, J.shape[-1]) + self._known)
@@ -465,7 +430,7 @@ class _Evidence:
 
 
 class ClassicalIBVS:
-    """Stands where `Estimate` stands: the object rests where the nominal camera saw it last.
+    """The textbook's law: stands where `Estimate` stands, and the object rests where the nominal camera saw it last.
 
     Args:
         seen: the first sighting.
@@ -474,16 +439,15 @@ class ClassicalIBVS:
     """
 
     linearised_at_goal = True
-    """Whether the interaction matrix is that of the goal, and not that of where the points are."""
 
     def __init__(self, seen: Observation, believed: NominalCamera, centre: Floats) -> None:
         self.camera = believed.camera(centre)
-        self._length = rms_diameter(seen.points[: seen.contacts]) * believed.distance / self.camera.focal
+        self._length = seen.length * believed.distance / self.camera.focal
         self.observe(seen)
 
     def observe(self, seen: Observation) -> float:
         """Put the object where it is seen now; it always fits."""
-        depth = self.camera.focal * self._length / rms_diameter(seen.points[: seen.contacts])
+        depth = self.camera.focal * self._length / seen.length
         self.object = place_object(self.camera, seen, depth, seen.hand[:3, :3])
         return 0.0
 

@@ -21,7 +21,6 @@ from grasptrack.errors import GraspTrackError
 from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.servo.camera import HandCamera, NominalCamera, complex_numbers, inverse_pose
 from grasptrack.servo.estimate import Estimate, Origin, Prior, Search, place_object, refine_estimate
-from grasptrack.servo.features import rms_diameter
 from grasptrack.servo.observation import Observation
 from grasptrack.typing import Floats
 
@@ -68,7 +67,7 @@ def signals_of(seen: Sequence[Observation], base: Floats, centre: Floats) -> Sig
     """Sightings in the frame (4, 4) whose inverse is `base`; `centre` (2,) px is the middle of the image."""
     poses = np.array([base @ s.hand for s in seen])
     contacts = [s.points[: s.contacts] for s in seen]
-    length = np.array([rms_diameter(c) for c in contacts])
+    length = np.array([s.length for s in seen])
     middle = np.array([sum(complex_numbers(c)) / len(c) for c in contacts]) - complex(*centre)
     segment = np.array([complex(*(c[1] - c[0])) for c in contacts])
     theta = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
@@ -124,7 +123,7 @@ def initialize_calibration(
     focal = _estimate_focal_length(found.z[ok], found.length[ok], L, FOCAL_GUESS * side)
     camera = HandCamera(focal, centre, rotation_about_z(phi), np.zeros(3))
     chosen = [x for x, good in zip(seen, ok, strict=True) if good]
-    depth = focal * L / rms_diameter(chosen[0].points[: chosen[0].contacts])
+    depth = focal * L / chosen[0].length
     origin = origin_of(chosen[0], camera, depth, Prior(slope=slope))
     return FirstEstimate(origin, *refine_estimate(origin, chosen, steps=INITIAL_STEPS))
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grasptrack.servo.camera import HandCamera, rotation_matrix, rotation_vector, skew_matrices
+from grasptrack.servo.camera import NEAREST_DEPTH, HandCamera, rotation_matrix, rotation_vector, skew_matrices
 from grasptrack.typing import Floats
 
 CENTRE, CAMERA, CAMERA_AT, OBJECT = slice(1, 3), slice(3, 12), slice(12, 15), slice(15, 24)
@@ -23,8 +23,6 @@ OBJECT_AT, GOING, AXES, POINTS = slice(24, 27), slice(27, 30), slice(30, 39), 39
 FOCAL, TURN, OFFSET, PLACE, POSE = 0, slice(1, 4), slice(4, 7), slice(7, 10), slice(10, 13)
 SPEED, SHAPE = slice(13, 16), 16
 """Where in a step."""
-NEAREST_DEPTH = 1e-3
-"""m in front of the camera within which nothing is seen."""
 MAX_FOCAL_STEP = 0.5
 """Most by which a step changes the log of the focal length."""
 
@@ -75,14 +73,7 @@ def unpack_state(state: Floats) -> tuple[HandCamera, Placed]:
 
 
 def retract_state(state: Floats, step: Floats) -> Floats:
-    """The state (39 + 2n,) after a step (16 + 2n,); the log focal length changes by at most 0.5.
-
-    Raises:
-        ValueError: a size that is none.
-    """
-    n = count_points(state)
-    if len(step) != SHAPE + 2 * n:
-        raise ValueError("a step has a number for each unknown")
+    """The state (39 + 2n,) after a step (16 + 2n,); the log focal length changes by at most 0.5."""
     out = state.copy()
     out[0] *= np.exp(np.clip(step[FOCAL], -MAX_FOCAL_STEP, MAX_FOCAL_STEP))
     out[CAMERA] = (state[CAMERA].reshape(3, 3) @ rotation_matrix(step[TURN])).ravel()
@@ -116,13 +107,8 @@ def expected_sightings(state: Floats, hands: Floats, later: Floats) -> tuple[Flo
     Returns:
         Pixels (N n, 2), NaN behind the camera, and derivatives (2 N n, 16 + 2n); of points behind the camera these say
         nothing.
-
-    Raises:
-        ValueError: a size that is none.
     """
-    n, N = count_points(state), len(hands)
-    if not N or hands.shape[1:] != (4, 4) or len(later) != N:
-        raise ValueError("poses are (N, 4, 4), one or more, each with its time")
+    n, N = (len(state) - POINTS) // 2, len(hands)
     focal, points, axes = float(state[0]), state[POINTS:].reshape(n, 2), state[AXES].reshape(3, 3)
     turn, pose = state[CAMERA].reshape(3, 3), state[OBJECT].reshape(3, 3)
     base = points @ pose[:, :2].T + state[OBJECT_AT]
@@ -148,23 +134,6 @@ def expected_sightings(state: Floats, hands: Floats, later: Floats) -> tuple[Flo
     return pixels, out.reshape(2 * N * n, -1)
 
 
-def count_points(state: Floats) -> int:
-    """How many points a state has."""
-    if len(state) <= POINTS or (len(state) - POINTS) % 2:
-        raise ValueError("a state is 39 numbers and two for each point")
-    return (len(state) - POINTS) // 2
-
-
-def check_size(covariance: Floats, n: int) -> None:
-    """A matrix of all unknowns.
-
-    Raises:
-        ValueError: it is none.
-    """
-    if covariance.shape != (SHAPE + 2 * n, SHAPE + 2 * n):
-        raise ValueError("a covariance has a row and a column for each unknown")
-
-
 def advance_state(
     state: Floats, covariance: Floats, seconds: float, drift: float, wander: float, twirl: float
 ) -> tuple[Floats, Floats]:
@@ -177,11 +146,7 @@ def advance_state(
         drift: m^2/s by which the object may creep.
         wander: (m/s)^2/s by which its velocity may change.
         twirl: rad^2/s by which it may turn about its plane's normal.
-
-    Raises:
-        ValueError: a size that is none.
     """
-    check_size(covariance, count_points(state))
     state, P, axes = state.copy(), covariance.copy(), state[AXES].reshape(3, 3)
     state[OBJECT_AT] += seconds * axes @ state[GOING]
     P[PLACE] += seconds * axes @ P[SPEED]

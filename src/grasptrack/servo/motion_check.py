@@ -2,7 +2,8 @@
 """Whether the arm does what it is told, and whether the image follows the hand.
 
 The arm: twists that were told, added up, are a path in the base; the poses are another. Where all is well they agree up to a
-factor and a lag. Where the twist is executed in the base's frame, the pose is inverse or in mm, or the arm stands, the path of another hypothesis fits, and this one does not.
+factor and a lag. Where the twist is executed in the base's frame, the pose is inverse or in mm, or the arm stands,
+the path of another hypothesis fits, and this one does not.
 
 The image: each move foretells what it does, and one that stands still is another camera's. A filter believes an object that
 moves along with the hand if it is only told so long enough. So what was believed a moment ago, before any of it, is what
@@ -18,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack.servo.camera import rotation_vector
-from grasptrack.servo.estimate import OUTLIER_SIZE, PLACE_DRIFT, Estimate
+from grasptrack.servo.estimate import OUTLIER_SIZE, PLACE_DRIFT, Estimate, rms_deviations
 from grasptrack.servo.model import AXES, PLACE, expected_sightings
 from grasptrack.servo.observation import Observation, block_diagonal
 from grasptrack.servo.watchdog import Limits
@@ -257,7 +258,7 @@ def _contradicts(before: _Sighting, seen: Observation) -> bool:
     apart, axes = max(seen.time - before.time, 0.0), slopes[2 * n :, PLACE] @ before.state[AXES].reshape(3, 3)
     strays = PLACE_DRIFT**2 * apart + before.wander**2 * apart**3 / 3.0
     spread = slope @ before.covariance @ slope.T + strays * axes @ axes.T + block_diagonal(first.noise + seen.noise)
-    return bool(np.sqrt(shift @ np.linalg.solve(spread, shift) / len(shift)) > OUTLIER_SIZE)
+    return rms_deviations(shift, spread) > OUTLIER_SIZE
 
 
 def _rms_size(off: Floats, noise: Floats) -> float:

@@ -85,6 +85,11 @@ class Observation:
     noise: Floats
     contacts: int
 
+    @property
+    def length(self) -> float:
+        """px, twice the rms distance of the contacts from their mean: of two their distance."""
+        return rms_diameter(self.points[: self.contacts])
+
     @cached_property
     def packed_row(self) -> Floats:
         """(17 + 6n,) time, pose, points and noise in a row: many such rows are stacked quickly."""
@@ -103,7 +108,7 @@ class ObservationStack(NamedTuple):
     """Observations of the same points.
 
     Attributes:
-        times: (N,) s.
+        times: (N,) s, after a common time.
         hands: (N, 4, 4) poses.
         points: (N, n, 2) px.
         noise: (N, n, 2, 2) px^2.
@@ -115,13 +120,13 @@ class ObservationStack(NamedTuple):
     noise: Floats
 
 
-def stack_observations(seen: Sequence[Observation]) -> ObservationStack:
-    """Observations of the same points in arrays."""
+def stack_observations(seen: Sequence[Observation], origin: float) -> ObservationStack:
+    """Observations of the same points in arrays, their times after a time of origin, s."""
     N, n = len(seen), len(seen[0].points)
     rows = np.concatenate([s.packed_row for s in seen]).reshape(N, -1)
     points, noise = rows[:, 17 : 17 + 2 * n], rows[:, 17 + 2 * n :]
     hands = rows[:, 1:17].reshape(N, 4, 4)
-    return ObservationStack(rows[:, 0], hands, points.reshape(N, n, 2), noise.reshape(N, n, 2, 2))
+    return ObservationStack(rows[:, 0] - origin, hands, points.reshape(N, n, 2), noise.reshape(N, n, 2, 2))
 
 
 class ResultObserver:

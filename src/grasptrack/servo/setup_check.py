@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.servo.estimate import Estimate, normalized_residual
-from grasptrack.servo.features import rms_diameter
 from grasptrack.servo.first_estimate import (
     MOVE_NOISE_PX,
     FirstEstimate,
@@ -203,7 +202,7 @@ class TiltCheck:
         known = found.estimate
         normal, spread = known.normal(seen[-1].hand), known.covariance[POSE, POSE][:2, :2]
         width = math.dist(*known.shape()[:2].tolist())
-        alike = SHARED_ERROR_PX / rms_diameter(seen[-1].points[: seen[-1].contacts])
+        alike = SHARED_ERROR_PX / seen[-1].length
         sd = math.sqrt(float(np.trace(spread)) + alike**2)
         tilt = Tilt(found, math.acos(min(1.0, float(normal[2]))), sd, width)
         decided = abs(tilt.tips_error - self._forgiven) > TIPS_SURE * tilt.tips_sd

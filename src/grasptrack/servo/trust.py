@@ -10,8 +10,8 @@ noise that there is (the "sandwich", H. White 1980).
 
 The alarm finds a calibration that later moves contradict: a mounting that was knocked, a focal length that was changed.
 From the last sightings alone camera and object are estimated once more, as if next to nothing were known of the camera.
-What moves tell little of has a large covariance, and contradicts nothing. An offset alone looks like an object that lies elsewhere until
-the hand turns: it is found at the next approach, if the calibration of the last one is handed in.
+What moves tell little of has a large covariance, and contradicts nothing. An offset alone looks like an object that lies
+elsewhere until the hand turns: it is found at the next approach, if the calibration of the last one is handed in.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from grasptrack.servo.estimate import ROBUST_SIZE, Estimate, Origin, Prior, Search, refine_estimate
+from grasptrack.servo.estimate import ROBUST_SIZE, Estimate, Origin, Prior, Search, WhitenedSightings, refine_estimate
 from grasptrack.servo.hand_eye import HandEye
-from grasptrack.servo.model import SHAPE, expected_sightings, pack_state, state_difference
+from grasptrack.servo.model import SHAPE, pack_state, state_difference
 from grasptrack.servo.observation import Observation, stack_observations
 from grasptrack.typing import Floats
 
@@ -52,12 +52,10 @@ def lasting_covariance(origin: Origin, before: Floats, seen: Sequence[Observatio
     Returns:
         (16 + 2n, 16 + 2n), at the origin's time.
     """
-    stack, known = stack_observations(seen), origin.information_matrix
-    N, later = len(seen), stack.times - origin.time
-    pixels, slopes = expected_sightings(found.state, stack.hands, later)
-    white = np.linalg.inv(np.linalg.cholesky(stack.noise))
-    off = (white @ (stack.points - pixels.reshape(stack.points.shape))[..., None])[..., 0].reshape(N, -1)
-    J = (white @ slopes.reshape(*stack.points.shape, -1)).reshape(*off.shape, -1)
+    stack, known, N = stack_observations(seen, origin.time), origin.information_matrix, len(seen)
+    whitened, later = WhitenedSightings(stack), stack.times
+    off, slopes = whitened.residuals(found.state)
+    J = whitened.jacobian(slopes)
     behind = ~np.isfinite(off).all(axis=1)
     off[behind], J[behind] = 0.0, 0.0
     size2 = (off * off).mean(axis=1)
