@@ -25,8 +25,12 @@ LARGEST = 2**31
 """Whole numbers of anything are below it."""
 
 
-def checked(**checks: Check) -> Callable[[Target], Target]:
+def checked(other: Check | None = None, /, **checks: Check) -> Callable[[Target], Target]:
     """A function, or a class for the arguments that make it, whose arguments by these names are checked first.
+
+    Args:
+        other: checks the arguments that are not named.
+        **checks: by the arguments' names.
 
     Raises, when called:
         InputError: an argument of another type; the message names it.
@@ -34,16 +38,17 @@ def checked(**checks: Check) -> Callable[[Target], Target]:
 
     def decorate(target: Target) -> Target:
         if isinstance(target, type):
-            setattr(target, "__init__", _guarded(target.__init__, checks))  # type: ignore[misc]  # noqa: B010
+            setattr(target, "__init__", _guarded(target.__init__, other, checks))  # type: ignore[misc]  # noqa: B010
             return target
-        return _guarded(target, checks)  # type: ignore[return-value]
+        return _guarded(target, other, checks)  # type: ignore[return-value]
 
     return decorate
 
 
-def _guarded(function: Callable[..., Any], checks: dict[str, Check]) -> Callable[..., Any]:
+def _guarded(function: Callable[..., Any], other: Check | None, checks: dict[str, Check]) -> Callable[..., Any]:
     names = list(inspect.signature(function).parameters)
-    by_place = [(place, name, checks[name]) for place, name in enumerate(names) if name in checks]
+    every = [(place, name, checks.get(name, other)) for place, name in enumerate(names) if name not in ("self", "cls")]
+    by_place = [(place, name, check) for place, name, check in every if check is not None]
     unknown = checks.keys() - set(names)
     if unknown:
         raise TypeError(f"{function.__qualname__} has no parameter {', '.join(sorted(unknown))}")

@@ -171,11 +171,7 @@ class HandCamera:
         return np.concatenate([-by_point, by_point @ skew_matrices(points)], axis=2)
 
 
-@arguments.checked(
-    focal=arguments.finite,
-    mounting=arguments.optional(arguments.array(4, 4)),
-    distance=arguments.finite,
-)
+@arguments.checked(arguments.finite, mounting=arguments.optional(arguments.array(4, 4)))
 @compared_by_value
 @dataclass(frozen=True)
 class NominalCamera:

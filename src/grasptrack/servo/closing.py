@@ -24,14 +24,10 @@ HIDING_DISTANCE = 0.5
 
 
 @arguments.checked(
+    arguments.number,
     tolerance=arguments.finite,
     images=arguments.whole,
-    confidence=arguments.number,
-    seen=arguments.number,
-    memory=arguments.number,
-    patience=arguments.number,
     loosest=arguments.finite,
-    timeout=arguments.number,
     tips=arguments.finite,
 )
 @dataclass(frozen=True)

@@ -280,10 +280,7 @@ class GraspServo:
             raise InputError(f"an image taken at {taken:g} s cannot be seen at {time:g} s: are both on one clock?")
         return self._step(time, check_pose(pose), result, taken)
 
-    @arguments.checked(
-        time=arguments.finite,
-        pose=arguments.array(unbounded=True),
-    )
+    @arguments.checked(time=arguments.finite, pose=arguments.array(unbounded=True))
     def between(self, *, time: float, pose: ArrayLike) -> Command:
         """One step of control without a new image: where the robot wants twists more often than the camera gives images.
 

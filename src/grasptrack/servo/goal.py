@@ -23,6 +23,7 @@ from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import HandCamera, align_rigid
 from grasptrack.servo.features import MIN_DISTANCE_PX, rms_diameter
+from grasptrack.servo.saved import is_number, read_keys, write_text
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
@@ -60,12 +61,7 @@ class Goal:
         return f"Goal({self.kind}, {' '.join(f'{x:.2f},{y:.2f}' for x, y in self.points.tolist())})"
 
     @classmethod
-    @arguments.checked(
-        points_px=arguments.array(unbounded=True),
-        opening_m=arguments.number,
-        beyond_m=arguments.number,
-        symmetric=arguments.truth,
-    )
+    @arguments.checked(arguments.number, points_px=arguments.array(unbounded=True), symmetric=arguments.truth)
     def fingertips(
         cls, points_px: ArrayLike, opening_m: float, *, beyond_m: float = 0.0, symmetric: bool = True
     ) -> Goal:
@@ -92,9 +88,7 @@ class Goal:
         return cls("fingertips", _check_points(points_px), float(opening_m), float(beyond_m), symmetric)
 
     @classmethod
-    @arguments.checked(
-        symmetric=arguments.truth,
-    )
+    @arguments.checked(symmetric=arguments.truth)
     def taught(cls, result: TrackResult | ArrayLike, *, symmetric: bool = True) -> Goal:
         """The contacts shall be seen as they were in a view in which the hand was right.
 
@@ -120,7 +114,6 @@ class Goal:
         Raises:
             InputError: it cannot be written.
         """
-        file = Path(path)
         content = {
             "format": FILE_FORMAT,
             "kind": self.kind,
@@ -129,12 +122,7 @@ class Goal:
             "beyond_m": self.beyond,
             "symmetric": self.symmetric,
         }
-        partial = file.with_name(file.name + ".part")
-        try:
-            partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-            partial.replace(file)
-        except OSError as error:
-            raise InputError(f'goal "{file}" cannot be written: {error.strerror or error}', path=str(file)) from None
+        write_text(Path(path), json.dumps(content, indent=2) + "\n", "goal")
 
     @classmethod
     @arguments.checked(path=arguments.instance(str, os.PathLike))
@@ -146,17 +134,13 @@ class Goal:
         """
         file = Path(path)
         try:
-            return cls._from_content(_read_content(file))
+            return cls._from_content(read_keys(file, json.loads, MAX_FILE_BYTES, "a goal", "JSON"))
         except InputError as error:
             raise InputError(f'goal "{file}": {error}', **error.values, path=str(file)) from None
 
     @classmethod
     def _from_content(cls, content: dict[str, Any]) -> Goal:
-        """The goal that a file holds.
-
-        Raises:
-            InputError: it holds none.
-        """
+        """The goal that a file holds, or an InputError."""
         known = ("format", "kind", "points_px", "opening_m", "beyond_m", "symmetric")
         unknown = [key for key in content if key not in known]
         if unknown:
@@ -173,7 +157,7 @@ class Goal:
         opening: Any = content.get("opening_m")
         beyond = content.get("beyond_m", 0.0)
         for name, value in (("opening_m", opening), ("beyond_m", beyond)):
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
+            if not is_number(value):
                 raise InputError(f"has {name}, a number of m, not {value!r}")
         return cls.fingertips(points, opening, beyond_m=beyond, symmetric=symmetric)
 
@@ -216,31 +200,7 @@ class Goal:
         return np.asarray(camera.offset + depth * flat)
 
 
-def _read_content(file: Path) -> dict[str, Any]:
-    """What a JSON file holds.
-
-    Raises:
-        InputError: it cannot be read, or holds no object.
-    """
-    try:
-        with file.open("rb") as stream:
-            data = stream.read(MAX_FILE_BYTES + 1)
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(data) > MAX_FILE_BYTES:
-        raise InputError(f"is larger than {MAX_FILE_BYTES} bytes: no goal is")
-    try:
-        content = json.loads(data.decode("utf-8"))
-    except (ValueError, RecursionError):
-        raise InputError("is no JSON") from None
-    if not isinstance(content, dict):
-        raise InputError("is no JSON object with the keys of a goal")
-    return content
-
-
-@arguments.checked(
-    points=arguments.array(unbounded=True),
-)
+@arguments.checked(points=arguments.array(unbounded=True))
 def _check_points(points: ArrayLike) -> Floats:
     given = np.asarray(points, dtype=np.float64)
     if given.ndim != 2 or given.shape[1:] != (2,) or len(given) < 2 or not np.isfinite(given).all():

@@ -17,10 +17,10 @@ from grasptrack import arguments
 from grasptrack.documents import read_yaml
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
-from grasptrack.files import whole_file
 from grasptrack.servo.camera import NominalCamera, check_pose, pose_of, rotation_vector
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.model import FOCAL, OFFSET, TURN
+from grasptrack.servo.saved import is_number, read_keys, write_text
 from grasptrack.typing import Floats
 
 FILE_FORMAT = 1
@@ -33,7 +33,30 @@ FILE_ROUNDING = 1e-6
 """By how much numbers of a file may miss what they should be: people shorten them."""
 MAX_NUMBER = 1e9
 """No number of a calibration is as large."""
+TRANSFORM_KEYS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+"""From the hand to the camera: m, and a unit quaternion."""
 Kind = Literal["easy_handeye2", "launch"]
+_HEAD = "# Where the camera is on the hand, as grasptrack's servo found it on its way.\n"
+_LAUNCH = '''"""Publishes where the camera is on the hand, as grasptrack's servo found it on its way."""
+
+from launch import LaunchDescription
+from launch_ros.actions import Node
+
+
+def generate_launch_description():
+    return LaunchDescription(
+        [
+            Node(
+                package="tf2_ros",
+                executable="static_transform_publisher",
+                output="log",
+                arguments=[
+                    OPTIONS,
+                ],
+            )
+        ]
+    )
+'''
 
 
 @compared_by_value
@@ -118,12 +141,7 @@ class HandEye:
 
     # --- files ------------------------------------------------------------------------------------
 
-    @arguments.checked(
-        path=arguments.instance(str, os.PathLike),
-        hand=arguments.text,
-        camera=arguments.text,
-        base=arguments.text,
-    )
+    @arguments.checked(arguments.text, path=arguments.instance(str, os.PathLike))
     def save(
         self,
         path: str | os.PathLike[str],
@@ -147,29 +165,17 @@ class HandEye:
         Raises:
             InputError: it cannot be written.
         """
-        (x, y, z), (qx, qy, qz, qw) = self._transform()
         sd = self.standard_deviations()
+        transform = "\n".join(f"  {name}: {value!r}" for name, value in self._transform().items())
         rows = "\n".join(f"    - {_listed(row)}" for row in self.covariance)
-        _write(
-            path,
-            f"""# Where the camera is on the hand, as grasptrack's servo found it on its way.
-parameters:
+        text = f"""{_HEAD}parameters:
   namespace: {json.dumps(Path(path).stem)}
   move_group_namespace: "/"
   move_group: "manipulator"
   eye_on_hand: true
-  robot_base_frame: {json.dumps(base)}
-  robot_effector_frame: {json.dumps(hand)}
-  tracking_base_frame: {json.dumps(camera)}
-  tracking_marker_frame: "grasp"
+{_frames(base, hand, camera)}
 transformation:  # from the hand to the camera's optical frame: m, and a unit quaternion
-  x: {x!r}
-  y: {y!r}
-  z: {z!r}
-  qx: {qx!r}
-  qy: {qy!r}
-  qz: {qz!r}
-  qw: {qw!r}
+{transform}
 grasptrack:
   format: {FILE_FORMAT}
   size_px: {list(self.size)}  # width, height
@@ -180,16 +186,10 @@ grasptrack:
   offset_sd_m: {_listed(sd[OFFSET])}  # along the hand's x, y, z
   covariance:  # of the log of the focal length; turn, rad, about the camera's axes; offset, m, along the hand's
 {rows}
-""",
-        )
+"""
+        write_text(Path(path), text, "calibration")
 
-    @arguments.checked(
-        path=arguments.instance(str, os.PathLike),
-        kind=arguments.text,
-        hand=arguments.text,
-        camera=arguments.text,
-        base=arguments.text,
-    )
+    @arguments.checked(arguments.text, path=arguments.instance(str, os.PathLike))
     def export(
         self,
         path: str | os.PathLike[str],
@@ -205,73 +205,35 @@ grasptrack:
             path: of the file; for easy_handeye2 the calibration's name and `.calib`, in the folder of its calibrations.
             kind: "easy_handeye2", or "launch": a launch file of ROS 2 with a static_transform_publisher, as MoveIt's hand-eye
                 calibration saves one.
-            hand: name of the frame whose pose the servo was given.
-            camera: name of the camera's optical frame.
-            base: name of the frame in which the hand's pose was.
+            hand, camera, base: names of the frames, as in `save`.
 
         Raises:
             InputError: another kind, or it cannot be written.
         """
         if kind not in get_args(Kind):
             raise InputError(f'a calibration is exported for {" or ".join(get_args(Kind))}, not "{kind}"', kind=kind)
-        (x, y, z), (qx, qy, qz, qw) = self._transform()
         if kind == "launch":
-            told = ",\n                    ".join(map(json.dumps, self.static_transform(hand=hand, camera=camera)))
-            _write(
-                path,
-                f'''"""Publishes where the camera is on the hand, as grasptrack's servo found it on its way."""
-
-from launch import LaunchDescription
-from launch_ros.actions import Node
-
-
-def generate_launch_description():
-    return LaunchDescription(
-        [
-            Node(
-                package="tf2_ros",
-                executable="static_transform_publisher",
-                output="log",
-                arguments=[
-                    {told},
-                ],
-            )
-        ]
-    )
-''',
-            )
-            return
-        sd = self.standard_deviations()
-        _write(
-            path,
-            f"""# Where the camera is on the hand, as grasptrack's servo found it on its way.
-parameters:
+            options = map(json.dumps, self.static_transform(hand=hand, camera=camera))
+            text = _LAUNCH.replace("OPTIONS", ",\n                    ".join(options))
+        else:
+            sd, transform = self.standard_deviations(), self._transform()
+            rows = [f"    {name.removeprefix('q')}: {value!r}" for name, value in transform.items()]
+            text = f"""{_HEAD}parameters:
   name: {json.dumps(Path(path).stem)}
   calibration_type: "eye_in_hand"
-  robot_base_frame: {json.dumps(base)}
-  robot_effector_frame: {json.dumps(hand)}
-  tracking_base_frame: {json.dumps(camera)}
-  tracking_marker_frame: "grasp"
+{_frames(base, hand, camera)}
   freehand_robot_movement: true
 transform:
   translation:  # m; standard deviations {_listed(sd[OFFSET])}
-    x: {x!r}
-    y: {y!r}
-    z: {z!r}
+{chr(10).join(rows[:3])}
   rotation:  # standard deviations in rad about the camera's axes {_listed(sd[TURN])}
-    x: {qx!r}
-    y: {qy!r}
-    z: {qz!r}
-    w: {qw!r}
-""",
-        )
+{chr(10).join(rows[3:])}
+"""
+        write_text(Path(path), text, "calibration")
 
     def static_transform(self, *, hand: str = "tool0", camera: str = "camera_optical_frame") -> list[str]:
         """The arguments of `ros2 run tf2_ros static_transform_publisher`: m, a quaternion, and the frames' names."""
-        at, quaternion = self._transform()
-        out = []
-        for name, value in zip(("x", "y", "z", "qx", "qy", "qz", "qw"), (*at, *quaternion), strict=True):
-            out += [f"--{name}", repr(value)]
+        out = [part for name, value in self._transform().items() for part in (f"--{name}", repr(value))]
         return [*out, "--frame-id", hand, "--child-frame-id", camera]
 
     def static_transform_command(self, *, hand: str = "tool0", camera: str = "camera_optical_frame") -> str:
@@ -290,17 +252,13 @@ transform:
         """
         file = Path(path)
         try:
-            return cls._from_content(_read_content(file))
+            return cls._from_content(read_keys(file, read_yaml, MAX_FILE_BYTES, "a calibration", "YAML"))
         except InputError as error:
             raise InputError(f'calibration "{file}": {error}', **error.values, path=str(file)) from None
 
     @classmethod
     def _from_content(cls, content: dict[str, Any]) -> HandEye:
-        """The calibration that a file holds.
-
-        Raises:
-            InputError: it holds none.
-        """
+        """The calibration that a file holds, or an InputError."""
         own, transform = content.get("grasptrack"), content.get("transformation")
         if not isinstance(own, dict) or not isinstance(transform, dict):
             raise InputError("has no keys grasptrack and transformation, as HandEye.save writes them")
@@ -309,8 +267,8 @@ transform:
         parameters = content.get("parameters")
         if isinstance(parameters, dict) and parameters.get("eye_on_hand", True) is not True:
             raise InputError("is of a camera that is not on the hand: eye_on_hand is true")
-        names = ("x", "y", "z", "qx", "qy", "qz", "qw")
-        values = _numbers([transform.get(name) for name in names], (7,), f"transformation, with {', '.join(names)}")
+        names = ", ".join(TRANSFORM_KEYS)
+        values = _numbers([transform.get(name) for name in TRANSFORM_KEYS], (7,), f"transformation, with {names}")
         if abs(float(values[3:] @ values[3:]) - 1.0) > FILE_ROUNDING:
             raise InputError("has a unit quaternion qx, qy, qz, qw", quaternion=values[3:].tolist())
         size = own.get("size_px")
@@ -333,9 +291,10 @@ transform:
         mounting = pose_of(_rotation_of(values[3:]), values[:3])
         return cls(focal, centre, (size[0], size[1]), check_pose(mounting), 0.5 * (covariance + covariance.T))
 
-    def _transform(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Position in m and unit quaternion x, y, z, w of the camera in the hand's frame."""
-        return tuple(self.mounting[:3, 3].tolist()), _quaternion_of(self.mounting[:3, :3])
+    def _transform(self) -> dict[str, float]:
+        """Position in m and unit quaternion of the camera in the hand's frame, by their keys."""
+        values = (*self.mounting[:3, 3].tolist(), *_quaternion_of(self.mounting[:3, :3]))
+        return dict(zip(TRANSFORM_KEYS, values, strict=True))
 
 
 def _quaternion_of(R: Floats) -> tuple[float, ...]:
@@ -368,54 +327,20 @@ def _listed(values: Floats) -> str:
     return f"[{', '.join(repr(float(v)) for v in values)}]"
 
 
+def _frames(base: str, hand: str, camera: str) -> str:
+    """The frames' names as all of easy_handeye's files have them."""
+    return f"""  robot_base_frame: {json.dumps(base)}
+  robot_effector_frame: {json.dumps(hand)}
+  tracking_base_frame: {json.dumps(camera)}
+  tracking_marker_frame: "grasp\""""
+
+
 def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Floats:
-    """Finite numbers of a file, as an array.
-
-    Raises:
-        InputError: others.
-    """
-    if len(shape) == 2:
-        if not isinstance(value, list) or len(value) != shape[0]:
+    """Finite numbers of a file as an array of a shape, or an InputError that says what the file has to have."""
+    rows = value if len(shape) == 2 else [value]
+    if not isinstance(rows, list) or (len(shape) == 2 and len(rows) != shape[0]):
+        raise InputError(f"has {what}")
+    for row in rows:
+        if not isinstance(row, list) or len(row) != shape[-1] or not all(is_number(v, MAX_NUMBER) for v in row):
             raise InputError(f"has {what}")
-        return np.array([_numbers(row, shape[1:], what) for row in value])
-    if not isinstance(value, list) or len(value) != shape[0]:
-        raise InputError(f"has {what}")
-    if any(isinstance(v, bool) or not isinstance(v, (int, float)) or not abs(v) < MAX_NUMBER for v in value):
-        raise InputError(f"has {what}")
     return np.array(value, dtype=np.float64)
-
-
-def _write(path: str | os.PathLike[str], text: str) -> None:
-    """A file as a whole, or none.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    file = Path(path)
-    try:
-        with whole_file(file) as part:
-            part.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f'calibration "{file}" cannot be written: {error.strerror or error}', path=str(file)) from None
-
-
-def _read_content(file: Path) -> dict[str, Any]:
-    """What a YAML file holds.
-
-    Raises:
-        InputError: it cannot be read, or has no keys.
-    """
-    try:
-        with file.open("rb") as stream:
-            data = stream.read(MAX_FILE_BYTES + 1)
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(data) > MAX_FILE_BYTES:
-        raise InputError(f"is larger than {MAX_FILE_BYTES} bytes: no calibration is")
-    try:
-        content = read_yaml(data.decode("utf-8"))
-    except UnicodeDecodeError:
-        raise InputError("is no text file") from None
-    if not isinstance(content, dict):
-        raise InputError("is no YAML with the keys of a calibration")
-    return content

@@ -21,11 +21,7 @@ TWIST_AXES = {4: (0, 1, 2, 5), 6: (0, 1, 2, 3, 4, 5)}
 """Components of the twist that a hand of so many degrees of freedom has."""
 
 
-@arguments.checked(
-    near=arguments.finite,
-    far=arguments.finite,
-    fall=arguments.finite,
-)
+@arguments.checked(arguments.finite)
 @dataclass(frozen=True)
 class Gain:
     """The gain falls from `near` at the goal to `far` away from it: quick at the end, calm at the beginning.

@@ -22,15 +22,7 @@ from grasptrack.typing import Floats
 Step = Literal["coast", "hold", "back off", "give up"]
 
 
-@arguments.checked(
-    coast=arguments.number,
-    hold=arguments.number,
-    back_off=arguments.number,
-    speed=arguments.finite,
-    away=arguments.number,
-    follow=arguments.number,
-    start=arguments.number,
-)
+@arguments.checked(arguments.number, speed=arguments.finite)
 @dataclass(frozen=True)
 class LossPolicy:
     """Steps after a loss, each for its time, in this order.

@@ -42,11 +42,7 @@ MOVE_ORDER = {4: (0, 2, 5, 1), 6: (0, 2, 5, 1, 3, 4)}
 """Components of the twist in turn. The first alone tells mounting angle and length, so that a moving object can be followed."""
 
 
-@arguments.checked(
-    way=arguments.finite,
-    turn=arguments.finite,
-    seconds=arguments.finite,
-)
+@arguments.checked(arguments.finite)
 @dataclass(frozen=True)
 class Exploration:
     """How the moves are made.

@@ -19,11 +19,7 @@ from grasptrack.servo.clock import PATIENCE_IMAGES, Tick
 from grasptrack.typing import Floats
 
 
-@arguments.checked(
-    path=arguments.number,
-    rise=arguments.number,
-    blind=arguments.finite,
-)
+@arguments.checked(arguments.number, blind=arguments.finite)
 @dataclass(frozen=True)
 class Bounds:
     """What the hand does at most, whatever the images say.
@@ -186,12 +182,7 @@ class Watchdog:
         return out
 
 
-@arguments.checked(
-    linear=arguments.number,
-    angular=arguments.number,
-    linear_acceleration=arguments.number,
-    angular_acceleration=arguments.number,
-)
+@arguments.checked(arguments.number)
 @dataclass(frozen=True)
 class Limits:
     """What the hand may do.
