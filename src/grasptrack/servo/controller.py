@@ -18,6 +18,7 @@ from grasptrack.servo.clock import SAME_IMAGE, ImageGate, ServoClock, Tick
 from grasptrack.servo.closing import CloseGate, Closing, judge_opening
 from grasptrack.servo.command import OVER, Command, Intent, State
 from grasptrack.servo.estimate import Estimate
+from grasptrack.servo.first_estimate import ImageFrame
 from grasptrack.servo.goal import MAX_OPENING, Goal
 from grasptrack.servo.grasp_pose import GraspPose, grasp_pose
 from grasptrack.servo.hand_eye import HandEye
@@ -25,7 +26,7 @@ from grasptrack.servo.law import TWIST_AXES, Aim, Approach, Gain, compute_aim
 from grasptrack.servo.loss import LossHandler, LossPolicy, Trail
 from grasptrack.servo.motion_check import ArmCheck, ImageCheck
 from grasptrack.servo.observation import Observation, Poses, ResultObserver
-from grasptrack.servo.self_calibration import Exploration, SelfCalibration
+from grasptrack.servo.self_calibration import CalibrationSetup, Exploration, SelfCalibration
 from grasptrack.servo.watchdog import Bounds, Limits, Watchdog
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
@@ -155,28 +156,24 @@ class GraspServo:
         self.goal, self.dof, self.law, self.standoff = goal, dof, law, standoff
         self.limits, self.gain, self.loss = limits or Limits(), gain or Gain(), loss or LossPolicy()
         self._closing, bounds = closing or Closing(), bounds or Bounds()
-        self._centre = np.array([size[0] - 1.0, size[1] - 1.0]) / 2.0
-        self._side, self._time_limit, self._retries = float(max(size)), time_limit, retries
+        self._time_limit, self._retries = time_limit, retries
         self._latency = self._age = latency  # by itself, and of the last image
         # what time it is, and what is an image
         self._clock, self._poses = ServoClock(), Poses()
         self._images = ImageGate(max_age, bounds.blind, latency)
         # what is known
         self._observer = ResultObserver(square=dof == 6)
-        believed, widest = (
-            None if law == "online" else camera,
-            WIDTH_FACTOR * goal.opening if goal.opening else MAX_OPENING,
-        )
-        self._known = SelfCalibration(
+        setup = CalibrationSetup(
             exploration or Exploration(),
             dof,
-            believed,
-            self._poses,
-            self._closing.tips,
-            widest,
-            calibration,
-            law == "textbook",
+            ImageFrame(np.array([size[0] - 1.0, size[1] - 1.0]) / 2.0, float(max(size))),
+            camera=None if law == "online" else camera,
+            fixed=law == "textbook",
+            forgiven=self._closing.tips,
+            widest=WIDTH_FACTOR * goal.opening if goal.opening else MAX_OPENING,
+            reference=calibration,
         )
+        self._known = SelfCalibration(setup, self._poses)
         self._arm, self._follows = ArmCheck(self.limits), ImageCheck()
         # what is done
         self._unseen = LossHandler(self.loss, self.limits)
@@ -410,7 +407,7 @@ class GraspServo:
             return None, False
         if isinstance(known.estimate, Estimate) and not known.exploring:  # too little is known before
             known.failed = known.failed or self._follows.why_not(seen, known.estimate)
-        return seen, known.take_observation(seen, self._centre, self._side)
+        return seen, known.take_observation(seen)
 
     def _exploring_intent(self, now: _Now) -> Intent:
         known = self._known
@@ -425,7 +422,7 @@ class GraspServo:
         if self._watchdog.is_blind(now.time):
             self._doubt.reset_count()
             if known.exploring:
-                known.interrupt_move(self._centre, self._side)
+                known.interrupt_move()
             return self._unseen.stand_blind(now.why, self._watchdog.seconds_blind(now.time))
         if self._unseen.seen_recently(now.time, patience) and self.state in ("approaching", "converged"):
             if known.exploring:
@@ -489,7 +486,7 @@ class GraspServo:
         """Nothing is seen that fits."""
         known = self._known
         if known.exploring:
-            known.interrupt_move(self._centre, self._side)
+            known.interrupt_move()
 
         def coasting_aim() -> Aim | None:
             return None if known.exploring else self._compute_aim(now, None)

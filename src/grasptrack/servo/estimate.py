@@ -219,17 +219,12 @@ def filter_sighting(
     return retract_state(state, gain @ off), np.asarray(0.5 * (P + P.T)), off, size
 
 
-def place_object(camera: HandCamera, seen: Observation, depth: float, facing: Floats, slope: float = 0.0) -> Placed:
-    """The object as it lies if it is seen somewhere before the camera.
+def place_object(camera: HandCamera, seen: Observation, depth: float, slope: float = 0.0) -> Placed:
+    """The object as it lies if it is seen `depth` m before the camera, its plane facing the hand.
 
-    Args:
-        camera: the camera.
-        seen: what was seen.
-        depth: m before the camera.
-        facing: (3, 3), axes and normal of its plane in the base.
-        slope: rad, by how much the plane in which it moves may be tilted against that.
+    The plane in which it moves may be tilted against that by `slope`, rad.
     """
-    origin, rays = _rays_in_base(camera, seen)
+    (origin, rays), facing = _rays_in_base(camera, seen), seen.hand[:3, :3]
     height = rays @ facing[:, 2]
     points = origin + depth * rays * (height.mean() / height)[:, None]
     place = points[: seen.contacts].mean(axis=0)
@@ -448,7 +443,7 @@ class ClassicalIBVS:
     def observe(self, seen: Observation) -> float:
         """Put the object where it is seen now; it always fits."""
         depth = self.camera.focal * self._length / seen.length
-        self.object = place_object(self.camera, seen, depth, seen.hand[:3, :3])
+        self.object = place_object(self.camera, seen, depth)
         return 0.0
 
     def in_hand(self, hand: Floats, time: float | None = None) -> Floats:

@@ -37,6 +37,13 @@ MOVE_NOISE_PX = 0.5
 """px, the standard deviation at which a sighting counts here: that a part is not flat, and a move not pure, is in it."""
 
 
+class ImageFrame(NamedTuple):
+    """The images: their middle (2,) px, and their larger side, px."""
+
+    centre: Floats
+    side: float
+
+
 class Signals(NamedTuple):
     """Sightings as the linear model of the moves takes them.
 
@@ -80,13 +87,7 @@ class UnexploredError(GraspTrackError):
 
 
 class FirstEstimate(NamedTuple):
-    """A first estimate.
-
-    Attributes:
-        origin: what was known before.
-        estimate: after the observations.
-        search: where the search for it has come to, to go on from.
-    """
+    """What was known before, the estimate after the observations, and where the search for it has come to."""
 
     origin: Origin
     estimate: Estimate
@@ -94,25 +95,23 @@ class FirstEstimate(NamedTuple):
 
 
 def initialize_calibration(
-    seen: Sequence[Observation], centre: Floats, side: float, slope: float, widest: float = 1.0, seed: int = 0
+    seen: Sequence[Observation], frame: ImageFrame, slope: float, widest: float = 1.0
 ) -> FirstEstimate:
     """What was known before, and the estimate after all sightings of exploratory moves.
 
     Args:
         seen: sightings in the order of time, some of them wrong.
-        centre: (2,) px, the middle of the image.
-        side: px, the larger side of the image.
+        frame: middle and size of the images.
         slope: rad, by how much the object's plane may be tilted against the hand.
         widest: m that the contacts are apart at most.
-        seed: of the random subsets.
 
     Raises:
         UnexploredError: too few sightings, or the hand's moves do not show in the image.
     """
     if len(seen) < 6:
         raise UnexploredError("too few images of the exploratory moves")
-    found = signals_of(seen, inverse_pose(seen[0].hand), centre)
-    fit = fit_moves(found, seed)
+    found = signals_of(seen, inverse_pose(seen[0].hand), frame.centre)
+    fit = fit_moves(found)
     off = np.asarray(np.abs(fit.left) / found.noise, dtype=np.float64)
     m, ok = complex(-fit.terms[0]), off < 6.0 * max(1.0, 1.5 * float(_last_axis_median(off)))
     if not 1.0 / widest < abs(m) < 1e4:
@@ -120,8 +119,8 @@ def initialize_calibration(
             "the hand's moves do not show in the image: is it another camera's, or does the object move along with the hand?"
         )
     L, phi = 1.0 / abs(m), -float(np.angle(m))
-    focal = _estimate_focal_length(found.z[ok], found.length[ok], L, FOCAL_GUESS * side)
-    camera = HandCamera(focal, centre, rotation_about_z(phi), np.zeros(3))
+    focal = _estimate_focal_length(found.z[ok], found.length[ok], L, FOCAL_GUESS * frame.side)
+    camera = HandCamera(focal, frame.centre, rotation_about_z(phi), np.zeros(3))
     chosen = [x for x, good in zip(seen, ok, strict=True) if good]
     depth = focal * L / chosen[0].length
     origin = origin_of(chosen[0], camera, depth, Prior(slope=slope))
@@ -130,7 +129,7 @@ def initialize_calibration(
 
 def origin_of(seen: Observation, camera: HandCamera, depth: float, prior: Prior) -> Origin:
     """What is known before: a camera, and the object where it is seen `depth` m before it, facing the hand."""
-    object_ = place_object(camera, seen, depth, seen.hand[:3, :3], prior.slope)
+    object_ = place_object(camera, seen, depth, prior.slope)
     return Origin(camera, object_, prior.covariance(camera, object_, seen.hand), seen.time)
 
 
@@ -142,23 +141,18 @@ def initialize_from_nominal(seen: Observation, believed: NominalCamera, centre: 
 
 
 class Fit(NamedTuple):
-    """The linear model as it fits.
-
-    Attributes:
-        terms: (4,) -m, m P, m V and -tau.
-        left: (N,), what it leaves of s.
-    """
+    """The linear model as it fits: its terms (4,) -m, m P, m V and -tau, and what it leaves (N,) of s."""
 
     terms: Complex
     left: Complex
 
 
-def fit_moves(found: Signals, seed: int = 0) -> Fit:
+def fit_moves(found: Signals) -> Fit:
     """The linear model that fits best: of random subsets the best, then reweighted least squares; half may be wrong."""
     p, s, noise = found.p, found.s, found.noise
     back = np.exp(-1j * found.theta)
     A = np.column_stack([back * p, back, back * found.t, np.ones(len(p))])
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     ridge = np.diag(
         [1e-6, 1e-6, LENGTH_GUESS / SPEED_GUESS, LENGTH_GUESS / OFFSET_GUESS]
     )  # what is known before, in standard deviations
@@ -174,7 +168,7 @@ def fit_moves(found: Signals, seed: int = 0) -> Fit:
 
 
 def _last_axis_median(values: Floats) -> Floats:
-    """Of the last axis. NumPy's own loads masked arrays when it is first called, which takes 20 ms."""
+    """NumPy's own median loads masked arrays when it is first called, which takes 20 ms."""
     n, ordered = values.shape[-1], np.sort(values, axis=-1)
     return np.asarray(0.5 * (ordered[..., (n - 1) // 2] + ordered[..., n // 2]))
 

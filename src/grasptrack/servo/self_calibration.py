@@ -30,7 +30,14 @@ from grasptrack.servo.estimate import (
     on_plane,
     refine_estimate,
 )
-from grasptrack.servo.first_estimate import UnexploredError, initialize_calibration, initialize_from_nominal, signals_of
+from grasptrack.servo.first_estimate import (
+    FirstEstimate,
+    ImageFrame,
+    UnexploredError,
+    initialize_calibration,
+    initialize_from_nominal,
+    signals_of,
+)
 from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.model import SHAPE, Placed
 from grasptrack.servo.observation import Observation, Poses
@@ -102,18 +109,42 @@ MAX_MISFITS = 75
 """So many sightings of the last hundred that do not fit, and the estimate is begun anew."""
 
 
+@dataclass(frozen=True)
+class CalibrationSetup:
+    """What is given of hand and camera.
+
+    Attributes:
+        exploration: how the exploratory moves are made.
+        dof: 4 or 6.
+        frame: middle and size of the images.
+        camera: what is believed of the camera; with it nothing is explored.
+        fixed: whether that is never corrected: the textbook's law.
+        forgiven: m by which the fingertips of a hand of 4 DoF may be off because the part is tilted.
+        widest: m that the contacts are apart at most.
+        reference: a calibration of an earlier approach; None for what the present one told before.
+    """
+
+    exploration: Exploration
+    dof: int
+    frame: ImageFrame
+    camera: NominalCamera | None
+    fixed: bool
+    forgiven: float
+    widest: float
+    reference: HandEye | None
+
+    @property
+    def slope(self) -> float:
+        """rad by which the object's plane may be tilted against the hand."""
+        return 0.01 if self.dof == 4 else 0.3
+
+
 class SelfCalibration:
     """The estimate and how it came about.
 
     Args:
-        exploration: how the exploratory moves are made.
-        dof: 4 or 6.
-        camera: what is believed of the camera; with it nothing is explored.
+        setup: what is given.
         poses: of the hand.
-        forgiven: m by which the fingertips of a hand of 4 DoF may be off because the part is tilted.
-        widest: m that the contacts are apart at most.
-        reference: a calibration of an earlier approach; None for what the present one told before.
-        fixed: whether that is never corrected: the textbook's law.
 
     Attributes:
         failed: why it cannot be calibrated; empty where it can.
@@ -123,22 +154,8 @@ class SelfCalibration:
         drifted: later moves have contradicted the calibration.
     """
 
-    def __init__(
-        self,
-        exploration: Exploration,
-        dof: int,
-        camera: NominalCamera | None,
-        poses: Poses,
-        forgiven: float,
-        widest: float,
-        reference: HandEye | None = None,
-        fixed: bool = False,
-    ) -> None:
-        self._how, self._order, self._nominal, self._poses = exploration, MOVE_ORDER[dof], camera, poses
-        self._fixed = fixed
-        self._square, self._forgiven, self._reference = dof == 4, forgiven, reference
-        self._widest = widest
-        self._slope = 0.01 if dof == 4 else 0.3
+    def __init__(self, setup: CalibrationSetup, poses: Poses) -> None:
+        self._setup, self._poses, self._order = setup, poses, MOVE_ORDER[setup.dof]
         self.restarts, self.displacements, self.lateness, self.drifted = 0, 0, 0.0, False
         self.begin_anew()
 
@@ -152,12 +169,12 @@ class SelfCalibration:
         self._since = 0
         self._stage, self._began, self._larger, self._doublings = 0, float("nan"), 1.0, 0
         self._fits: deque[bool] = deque(maxlen=100)
-        self._tilt = TiltCheck(self._forgiven)
-        self._trust, self._drift = Trust(), DriftAlarm(self._reference)
+        self._tilt = TiltCheck(self._setup.forgiven, self._setup.frame)
+        self._trust, self._drift = Trust(), DriftAlarm(self._setup.reference)
         self.estimate: Estimate | ClassicalIBVS | None = None
         self.failed = ""
         self._regrasp = self._sure = False
-        self._asked = self._nominal is None
+        self._asked = self._setup.camera is None
 
     def restart_estimate(self) -> None:
         """Begin anew with an estimate that proved wrong; how often is counted."""
@@ -210,7 +227,7 @@ class SelfCalibration:
         self._has_moves = True
         return True
 
-    def take_observation(self, seen: Observation, centre: Floats, side: float) -> bool:
+    def take_observation(self, seen: Observation) -> bool:
         """Take in a sighting; whether it fits what is known."""
         if self._regrasp:
             self._begin_from_the_same_object(seen)
@@ -222,12 +239,12 @@ class SelfCalibration:
                 fits = self._explain_mismatch(self.estimate, seen)
         elif self.estimate is not None:
             self.estimate.observe(seen)
-        elif self._nominal is not None:
-            if self._fixed:
-                self.estimate = ClassicalIBVS(seen, self._nominal, centre)
+        elif self._setup.camera is not None:
+            if self._setup.fixed:
+                self.estimate = ClassicalIBVS(seen, self._setup.camera, self._setup.frame.centre)
             else:
-                self._origin, self.estimate, self._search = initialize_from_nominal(
-                    seen, self._nominal, centre, self._slope
+                self._take_estimate(
+                    initialize_from_nominal(seen, self._setup.camera, self._setup.frame.centre, self._setup.slope)
                 )
         self._keep_observation(seen)
         self._fits.append(fits)
@@ -235,13 +252,16 @@ class SelfCalibration:
             self.restart_estimate()
             return False
         if self.exploring:
-            self._go_on(seen.time, centre, side)
-        elif self._square and self._has_moves and not self._is_displaced():
-            self._check_tilt(centre, side)
+            self._go_on(seen.time)
+        elif self._setup.dof == 4 and self._has_moves and not self._is_displaced():
+            self._check_tilt()
         self._refine_estimate()
         if fits and not self.exploring:
             self._look_for_drift(seen)
         return fits
+
+    def _take_estimate(self, found: FirstEstimate) -> None:
+        self._origin, self.estimate, self._search = found
 
     def _begin_from_the_same_object(self, seen: Observation) -> None:
         known, self._regrasp = self.estimate, False
@@ -317,14 +337,14 @@ class SelfCalibration:
         anew.follow(known)
         self.estimate = anew
 
-    def _go_on(self, time: float, centre: Floats, side: float) -> None:
+    def _go_on(self, time: float) -> None:
         """Begin the first move, or end one that is over with a new estimate."""
         if np.isnan(self._began):
             self._began = time
         if time < self._began + self._seconds():
             return
-        if self._nominal is None and self._stage + 1 >= MOVES_BEFORE_CHECK:
-            self._check_setup(centre)
+        if self._setup.camera is None and self._stage + 1 >= MOVES_BEFORE_CHECK:
+            self._check_setup()
             if self.failed:
                 return
         if self._origin is not None:
@@ -333,9 +353,7 @@ class SelfCalibration:
                 self._stage, self._began = self._stage + 1, time
                 return
         try:
-            self._origin, self.estimate, self._search = initialize_calibration(
-                tuple(self._seen), centre, side, self._slope, self._widest
-            )
+            self._explain_moves()
             self._stage += 1
         except UnexploredError as found:
             self._doublings += 1
@@ -344,9 +362,13 @@ class SelfCalibration:
                 self.failed = str(found)
         self._began = time
 
-    def _check_setup(self, centre: Floats) -> None:
+    def _explain_moves(self) -> None:
+        setup = self._setup
+        self._take_estimate(initialize_calibration(self._seen, setup.frame, setup.slope, setup.widest))
+
+    def _check_setup(self) -> None:
         """What the moves so far show of the set-up: what cannot be is a failure, images that are late are taken as such."""
-        base = inverse_pose(self._seen[0].hand)
+        base, centre = inverse_pose(self._seen[0].hand), self._setup.frame.centre
         late = find_lateness(self._seen, self._poses.pose_at, base, centre)
         if late:
             self.lateness += late
@@ -355,11 +377,11 @@ class SelfCalibration:
             self._origin, self.estimate, self._search = None, None, None
         self.failed = find_fault(signals_of(self._seen, base, centre))
 
-    def _check_tilt(self, centre: Floats, side: float) -> None:
+    def _check_tilt(self) -> None:
         """A part that is tilted is taken as it lies, or not with 4 DoF."""
         known = self.estimate
         assert isinstance(known, Estimate)
-        tilt = self._tilt.look(self._seen, known, centre, side)
+        tilt = self._tilt.look(self._seen, known)
         if tilt is None or tilt.angle < SQUARE_SIZE * tilt.sd:
             return
         if self._tilt.is_too_large(tilt):
@@ -368,32 +390,32 @@ class SelfCalibration:
                 f"{1000.0 * tilt.tips_error:.1f} mm: it needs a hand with dof=6, or one that forgives as much (Closing.tips)"
             )
             return
-        self._origin, self.estimate, self._search = tilt.found
-        self.estimate.advance(known.time)
-        self.estimate.follow(known)
+        self._take_estimate(tilt.found)
+        tilt.found.estimate.advance(known.time)
+        tilt.found.estimate.follow(known)
 
     def _seconds(self) -> float:
         """s of an exploratory move: each shows in some images."""
         times = [s.time for s in self._seen[-KEPT_INTERVALS:]]
         interval = median(b - a for a, b in pairwise(times)) if len(times) > 1 else 0.0
-        return max(self._how.seconds, LEAST_IMAGES * interval)
+        return max(self._setup.exploration.seconds, LEAST_IMAGES * interval)
 
-    def interrupt_move(self, centre: Floats, side: float) -> None:
+    def interrupt_move(self) -> None:
         """The grasp went out of sight: the present move is made again, the other way. Until then what it told must do."""
         if not np.isnan(self._began):
             self._larger *= -1.0
             if self.estimate is None:
                 with suppress(UnexploredError):
-                    self._origin, self.estimate, self._search = initialize_calibration(
-                        self._seen, centre, side, self._slope, self._widest
-                    )
+                    self._explain_moves()
         self._began = float("nan")
 
     def exploratory_twist(self, time: float) -> Floats:
         """The exploratory twist (6,) at a time; `take` begins it."""
         if not self.exploring or np.isnan(self._began):
             return np.zeros(6)
-        return self._how.twist(self._order[self._stage], time - self._began, self._seconds(), self._larger)
+        return self._setup.exploration.twist(
+            self._order[self._stage], time - self._began, self._seconds(), self._larger
+        )
 
     def move_name(self) -> str:
         """Which move is being made."""

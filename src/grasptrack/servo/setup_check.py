@@ -22,6 +22,7 @@ from grasptrack.servo.estimate import Estimate, normalized_residual
 from grasptrack.servo.first_estimate import (
     MOVE_NOISE_PX,
     FirstEstimate,
+    ImageFrame,
     Signals,
     UnexploredError,
     fit_moves,
@@ -46,11 +47,7 @@ MIN_LATENESS = 0.012
 
 
 def find_fault(found: Signals) -> str:
-    """Why these sightings cannot be of a right set-up; empty where they can.
-
-    Args:
-        found: the sightings.
-    """
+    """Why these sightings cannot be of a right set-up; empty where they can."""
     right, mirrored = (_cost_of_view(found, way) for way in (False, True))
     turned = right - mirrored > CLEAR_GAIN and right > 4.0 * mirrored
     if not turned:
@@ -177,26 +174,25 @@ class TiltCheck:
 
     Args:
         forgiven: m by which a fingertip may be off along the approach direction.
+        frame: middle and size of the images.
     """
 
-    def __init__(self, forgiven: float) -> None:
-        self._forgiven = forgiven
+    def __init__(self, forgiven: float, frame: ImageFrame) -> None:
+        self._forgiven, self._frame = forgiven, frame
         self._count, self._known = 0, False
 
-    def look(self, seen: Sequence[Observation], square: Estimate, centre: Floats, side: float) -> Tilt | None:
+    def look(self, seen: Sequence[Observation], square: Estimate) -> Tilt | None:
         """The tilt, once it is known to be less than what is forgiven, or more; None before, and afterwards.
 
         Args:
             seen: sightings of an object that rests or moves evenly, those of the exploratory moves among them.
             square: the estimate so far, which takes the plane to be square to the hand.
-            centre: (2,) px, the middle of the image.
-            side: px, its larger side.
         """
         self._count += 1
         if self._known or self._count % TILT_EVERY or len(seen[-1].points) == seen[-1].contacts:
             return None
         try:
-            found = initialize_calibration(seen, centre, side, FREE_SLOPE)
+            found = initialize_calibration(seen, self._frame, FREE_SLOPE)
         except (UnexploredError, ValueError, np.linalg.LinAlgError):
             return None
         known = found.estimate
