@@ -37,6 +37,19 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
         part.write_text(text + "\n", encoding="utf-8")
 
 
+def write_text(file: Path, text: str, kind: str) -> None:
+    """Write a file of some kind, "calibration". The file is complete at any moment or absent.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        with whole_file(file) as part:
+            part.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f'{kind} "{file}" cannot be written: {error.strerror or error}', path=str(file)) from None
+
+
 def read_text(file: Path, kind: str, largest: int = LARGEST_BYTES) -> str:
     """The text of a small file in UTF-8.
 
@@ -70,14 +83,25 @@ def read_keys(text: str) -> dict[str, Any]:
     Raises:
         InputError: neither can be read; the message names the line of YAML.
     """
-    if not text.lstrip().startswith("{"):
-        found = read_yaml(text)
-        return found if isinstance(found, dict) else {}
+    if text.lstrip().startswith("{"):
+        return read_json(text)
+    found = read_yaml(text)
+    return found if isinstance(found, dict) else {}
+
+
+def read_json(text: str) -> dict[str, Any]:
+    """The keys of a JSON object.
+
+    Raises:
+        InputError: it is none.
+    """
     try:
-        keys: dict[str, Any] = json.loads(text)
+        found = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"is no JSON that can be read: {error}") from None
-    return keys
+    if not isinstance(found, dict):
+        raise InputError("is no JSON object, with keys")
+    return found
 
 
 def read_yaml(text: str) -> Any:

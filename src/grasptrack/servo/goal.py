@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack import arguments
+from grasptrack.documents import read_json, read_text, write_text
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import HandCamera, align_rigid
 from grasptrack.servo.features import MIN_DISTANCE_PX, rms_diameter
-from grasptrack.servo.saved import is_number, read_keys, write_text
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
@@ -134,7 +134,7 @@ class Goal:
         """
         file = Path(path)
         try:
-            return cls._from_content(read_keys(file, json.loads, MAX_FILE_BYTES, "a goal", "JSON"))
+            return cls._from_content(read_json(read_text(file, "goal", MAX_FILE_BYTES)))
         except InputError as error:
             raise InputError(f'goal "{file}": {error}', **error.values, path=str(file)) from None
 
@@ -157,7 +157,7 @@ class Goal:
         opening: Any = content.get("opening_m")
         beyond = content.get("beyond_m", 0.0)
         for name, value in (("opening_m", opening), ("beyond_m", beyond)):
-            if not is_number(value):
+            if arguments.number(value):
                 raise InputError(f"has {name}, a number of m, not {value!r}")
         return cls.fingertips(points, opening, beyond_m=beyond, symmetric=symmetric)
 

@@ -14,13 +14,12 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from grasptrack import arguments
-from grasptrack.documents import read_yaml
+from grasptrack.documents import read_keys, read_text, write_text
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import NominalCamera, check_pose, pose_of, rotation_vector
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.model import FOCAL, OFFSET, TURN
-from grasptrack.servo.saved import is_number, read_keys, write_text
 from grasptrack.typing import Floats
 
 FILE_FORMAT = 1
@@ -252,7 +251,7 @@ transform:
         """
         file = Path(path)
         try:
-            return cls._from_content(read_keys(file, read_yaml, MAX_FILE_BYTES, "a calibration", "YAML"))
+            return cls._from_content(read_keys(read_text(file, "calibration", MAX_FILE_BYTES)))
         except InputError as error:
             raise InputError(f'calibration "{file}": {error}', **error.values, path=str(file)) from None
 
@@ -341,6 +340,10 @@ def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Floats:
     if not isinstance(rows, list) or (len(shape) == 2 and len(rows) != shape[0]):
         raise InputError(f"has {what}")
     for row in rows:
-        if not isinstance(row, list) or len(row) != shape[-1] or not all(is_number(v, MAX_NUMBER) for v in row):
+        if (
+            not isinstance(row, list)
+            or len(row) != shape[-1]
+            or any(arguments.number(v) or not abs(v) < MAX_NUMBER for v in row)
+        ):
             raise InputError(f"has {what}")
     return np.array(value, dtype=np.float64)
