@@ -20,7 +20,7 @@ from typing import Any
 from grasptrack import kernels
 from grasptrack.documents import write_json
 from grasptrack.errors import InputError
-from grasptrack.io.folder import hold_folder, prepare_folder
+from grasptrack.files import hold_folder, prepare_folder
 from grasptrack.io.results import describe_machine, software_versions
 from grasptrack.typing import Progress
 from grasptrack_bench.metrics.score import FrameScore

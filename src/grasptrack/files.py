@@ -1,11 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are whole at any moment, or absent: whoever ends the program while it writes leaves no half of one."""
+"""Files that are whole at any moment or absent, and folders that one run at a time writes to."""
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
+
+from grasptrack.errors import InputError
+
+_NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
+_held: ContextVar[frozenset[Path]] = ContextVar("held_folders", default=frozenset())
 
 
 @contextmanager
@@ -25,3 +33,83 @@ def whole_file(path: Path) -> Iterator[Path]:
         if isinstance(error, OSError) and error.filename is None:  # as of a write
             error.filename = str(path)
         raise
+
+
+def is_full_disk(error: OSError) -> bool:
+    """Whether it says that a file system, or a limit of this user's or process's, takes no more."""
+    return error.errno in _NO_ROOM
+
+
+def prepare_folder(output: Path) -> None:
+    """Make a folder and see that it can be written to.
+
+    Raises:
+        InputError: it cannot.
+    """
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+        probe = output / ".grasptrack-probe"
+        probe.touch()
+        probe.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(
+            f'output folder "{output}" cannot be written: {error.strerror or error}', path=str(output)
+        ) from None
+
+
+@contextmanager
+def hold_folder(output: Path) -> Iterator[None]:
+    """Make a folder and keep other runs out of it, in this process and in others; within, it may be held again.
+
+    The lock is on the folder itself: it leaves no file behind and ends with the process, however that ends. Where the file
+    system or the operating system has no such locks, nothing is kept out.
+
+    Args:
+        output: the folder.
+
+    Raises:
+        InputError: it cannot be written to, another run holds it, or the disk gets full within.
+    """
+    prepare_folder(output)
+    place = output.resolve()
+    with ExitStack() as stack:
+        if place not in _held.get():
+            descriptor = _lock(place)
+            if descriptor is not None:
+                stack.callback(os.close, descriptor)
+            token = _held.set(_held.get() | {place})
+            stack.callback(_held.reset, token)
+        try:
+            yield
+        except OSError as error:
+            if not is_full_disk(error):
+                raise
+            where = error.filename or output
+            raise InputError(
+                f'"{where}" cannot be written: {error.strerror or error}; what was computed before is in "{output}"',
+                path=str(where),
+            ) from error
+
+
+def _lock(folder: Path) -> int | None:
+    """A descriptor with which the lock ends; None where there are no locks."""
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise InputError(
+            f'another run writes to "{folder}" now: wait for its end, or name another folder (--output)',
+            path=str(folder),
+        ) from None
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor

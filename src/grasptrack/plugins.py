@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What other packages add by entry points: strategies, segmenters, methods and verbs, each found by its name.
+"""What entry points add, each by its name: strategies, segmenters, sources, recorders and more; and what extras install.
 
 A package names them in its own `pyproject.toml`, and nothing here has to be touched:
 
@@ -10,12 +10,22 @@ A package names them in its own `pyproject.toml`, and nothing here has to be tou
 from __future__ import annotations
 
 from functools import cache
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from typing import Any, Literal
 
-from grasptrack.errors import InputError
+from grasptrack.errors import InputError, install_hint
 
-Group = Literal["grasptrack.strategies", "grasptrack.segmenters", "grasptrack.methods", "grasptrack.verbs"]
+Group = Literal[
+    "grasptrack.strategies",
+    "grasptrack.segmenters",
+    "grasptrack.sources",
+    "grasptrack.cameras",
+    "grasptrack.recorders",
+    "grasptrack.methods",
+    "grasptrack.verbs",
+]
 
 
 def plugin_names(group: Group) -> tuple[str, ...]:
@@ -43,3 +53,28 @@ def load_plugin(group: Group, name: str) -> Any:
 @cache
 def _find_entries(group: Group) -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in entry_points(group=group)}
+
+
+def import_extra(module: str, extra: str, purpose: str) -> Any:
+    """The module of a package that an extra of this one installs.
+
+    Args:
+        module: its dotted name.
+        extra: in ``pip install "grasptrack[extra]"``.
+        purpose: what needs it, as the subject of the message.
+
+    Raises:
+        InputError: it is not installed, or cannot be loaded here.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        if is_installed(package):
+            raise InputError(f"{purpose} needs {package}, which cannot be loaded: {error}", module=module) from None
+        raise InputError(f"{purpose} needs {package}: {install_hint(extra)}", module=module) from None
+
+
+def is_installed(package: str) -> bool:
+    """Whether a package is there, without loading it."""
+    return find_spec(package) is not None

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from grasptrack.io.base import Frame
 from grasptrack.io.limits import HELD, HELD_BYTES
-from grasptrack.io.recorders.background import BackgroundRecording, WriterThread
+from grasptrack.io.recording import BackgroundRecording, WriterThread
 from grasptrack.tracking.result import TrackResult
 
 PATIENCE = 20.0

@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.io.backlog import Backlog
+from grasptrack.io.limits import Backlog
 
 
 def all_of(backlog: Backlog[int]) -> Iterator[int]:

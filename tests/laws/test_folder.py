@@ -14,8 +14,7 @@ import pytest
 
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
-from grasptrack.files import whole_file
-from grasptrack.io.folder import hold_folder
+from grasptrack.files import hold_folder, whole_file
 from recordings import plates, rows
 
 pytest.importorskip("fcntl", reason="locks of this kind are Unix's")
@@ -23,7 +22,7 @@ pytest.importorskip("fcntl", reason="locks of this kind are Unix's")
 HOLDER = """
 import sys, time
 from pathlib import Path
-from grasptrack.io.folder import hold_folder
+from grasptrack.files import hold_folder
 with hold_folder(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

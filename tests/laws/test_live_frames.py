@@ -19,7 +19,7 @@ from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.force_closure import GraspAnalysis
 from grasptrack.io.base import Frame
-from grasptrack.io.encoding import encode_jpeg
+from grasptrack.io.images import encode_jpeg
 from grasptrack.live import frames
 from grasptrack.live.curves import KEPT, CurvePoint, Curves
 from grasptrack.live.frames import UNITS_PER_PX, Painter, moment_to_json

@@ -14,6 +14,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.contacts import GraspList
 from grasptrack.grasp.hand import HandPx
 from grasptrack.view.grasps import Planned, describe_hand, format_quality, write_grasps
+from grasptrack.view.marks import sector_polygon
 from grasptrack.view.panel import (
     contour_strip,
     grasp_opening,
@@ -21,7 +22,6 @@ from grasptrack.view.panel import (
     inward_normals,
     panel_grid,
     quiet_corner,
-    sector_polygon,
     slip_strips,
 )
 from ranked import across, ellipse, hand_for, ranked

@@ -140,7 +140,7 @@ def test_without_the_package_one_line_names_the_extra(
 ) -> None:
     path = write_bag(tmp_path, "ros1.bag", {"/i": ("mono8", GREY)})
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    monkeypatch.setattr("grasptrack.io.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("grasptrack.plugins.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r'pip install "grasptrack\[bags\]"'):
         open_source(path)
     assert main(["track", str(path), "--output", str(tmp_path / "o")]) == 2

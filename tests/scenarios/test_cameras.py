@@ -20,7 +20,7 @@ from grasptrack.cli.main import main
 from grasptrack.errors import InputError
 from grasptrack.io import live
 from grasptrack.io.base import Frame
-from grasptrack.io.cameras import listing
+from grasptrack.io.cameras import realsense
 
 
 def first(spec: str, count: int = 3, settings: dict[str, str] | None = None) -> list[Frame]:
@@ -234,10 +234,10 @@ def test_an_absent_driver_is_one_line_that_names_its_extra(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], spec: str, module: str, extra: str
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.setattr("grasptrack.io.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("grasptrack.plugins.find_spec", lambda name: None)
     assert said(spec).endswith(f'{sys.executable} -m pip install "grasptrack[{extra}]"')
     if extra == "pylon":
-        monkeypatch.setattr(listing, "attached_realsense", list)  # its search takes two seconds
+        monkeypatch.setattr(realsense, "attached_realsense", list)  # its search takes two seconds
         assert main(["cameras"]) == 0
         assert (
             f'pylon: a camera of Basler\'s needs pypylon: {sys.executable} -m pip install "grasptrack[pylon]"'

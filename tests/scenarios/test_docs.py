@@ -25,6 +25,8 @@ ELSEWHERE = ("grasptrack_bench", "research", "reference")
 PAGES = (*sorted(str(path.relative_to(DOCS)) for path in DOCS.rglob("*.md")), "../README.md", "../CONTRIBUTING.md")
 WORDS = 15_000
 """What people write in README, CONTRIBUTING and docs: what it takes two hours to read."""
+PLUG_INS = ("cameras.pylon", "cameras.genicam", "cameras.realsense", "ros2", "recorders")
+"""Modules of `io` that nothing imports by name."""
 
 
 def text(page: str) -> str:
@@ -299,6 +301,7 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
         ("research", set()),
         ("grasptrack.snake", {"snake", "tracking"}),
         ("_grasptrack_native", {"kernels"}),
+        *((f"grasptrack.io.{name}", set()) for name in PLUG_INS),
     ],
 )
 def test_who_may_import_what(package: str, homes: set[str]) -> None:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from grasptrack import open_source
 from grasptrack.cli.main import main
-from grasptrack.io.recorders.again import OPTIONS, points_text, tracking_options
+from grasptrack.io.recording import OPTIONS, points_text, tracking_options
 from grasptrack.live import commands as told
 from grasptrack.live.session import LiveSession
 from recordings import plate, plates

@@ -28,7 +28,7 @@ websockets = pytest.importorskip("websockets")
 from websockets.sync.client import connect  # noqa: E402
 
 from grasptrack import InputError  # noqa: E402
-from grasptrack.io.folder import hold_folder  # noqa: E402
+from grasptrack.files import hold_folder  # noqa: E402
 from grasptrack.live import commands as told  # noqa: E402
 from grasptrack.live.guard import Guard  # noqa: E402
 from grasptrack.live.server import MOST_CLIENTS, PAGE, PageServer  # noqa: E402

@@ -53,6 +53,24 @@ class Dark:
         return grey < 100
 
 
+def open_there(spec, fps, settings):
+    from grasptrack import open_source
+    return open_source(spec.partition(":")[2], fps)
+
+
+class Words:
+    """A recorder: a word for each frame."""
+
+    def __init__(self, path, quality, options):
+        self.path, self.words = path, []
+
+    def write(self, frame, result):
+        self.words.append(result.status)
+
+    def close(self):
+        self.path.write_text(" ".join(self.words))
+
+
 class Fixed:
     """A method: says where the contacts were, for ever."""
 
@@ -70,6 +88,12 @@ broken = outsider:missing
 
 [grasptrack.segmenters]
 dark = outsider:Dark
+
+[grasptrack.sources]
+there = outsider:open_there
+
+[grasptrack.recorders]
+txt = outsider:Words
 
 [grasptrack.methods]
 fixed = outsider:Fixed
@@ -121,11 +145,13 @@ def test_a_strategy_from_outside_tracks_and_transfers(outside: Path) -> None:
     assert '"bounding"' in next((outside / "pair").glob("*.json")).read_text()
 
 
-def test_a_segmenter_from_outside_says_where_the_object_is(outside: Path) -> None:
-    done = run(outside, "track", "frames", "--segmenter", "dark", "--output", "out", "--no-video", "--quiet")
+def test_a_segmenter_a_source_and_a_recorder_from_outside(outside: Path) -> None:
+    more = ("--segmenter", "dark", "--record", "words.txt", "--output", "out", "--no-video", "--quiet")
+    done = run(outside, "track", "there:frames", *more)
     assert done.returncode == 0, done.stderr
     assert [row["status"] for row in rows(outside / "out")] == ["tracked"] * 3
     assert json.loads((outside / "out" / "run.json").read_text())["options"]["segmenter"] == "dark"
+    assert (outside / "words.txt").read_text() == "tracked tracked tracked"
 
 
 def test_a_method_from_outside_is_measured_beside_ours(outside: Path) -> None:
@@ -141,6 +167,8 @@ def test_a_method_from_outside_is_measured_beside_ours(outside: Path) -> None:
         (("track", "frames", "--strategy", "bouncing"), "bounding"),
         (("track", "frames", "--strategy", "broken"), "cannot be loaded"),
         (("track", "frames", "--segmenter", "bright"), "dark"),
+        (("track", "here:frames"), "there"),
+        (("track", "frames", "--record", "a.bin"), ".mcap or .rrd or .txt"),
         (("evaluate", "scenes", "--methods", "floating"), "fixed"),
     ],
 )

@@ -16,10 +16,10 @@ from grasptrack import GraspTracker, open_source
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
 from grasptrack.io.columns import result_fields
-from grasptrack.io.recorders.fields import HALF, covariance_ellipses
 from grasptrack.io.recording import open_recording
 from grasptrack.io.run import run_track
 from grasptrack.tracking.result import TrackResult
+from grasptrack.view.marks import HALF, covariance_ellipses
 from recordings import plates, rows
 
 
@@ -209,7 +209,7 @@ def test_an_absent_package_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, module: str, extra: str
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.setattr("grasptrack.io.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("grasptrack.plugins.find_spec", lambda name: None)
     with pytest.raises(InputError, match=rf'pip install "grasptrack\[{extra}\]"'):
         open_recording(tmp_path / f"run{suffix}")
 

@@ -17,9 +17,8 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.documents import write_json
-from grasptrack.files import whole_file
+from grasptrack.files import hold_folder, whole_file
 from grasptrack.geometry.contours import View
-from grasptrack.io.folder import hold_folder
 from grasptrack.io.results import software_versions
 from grasptrack.io.video import VideoWriter
 from grasptrack.statistics import wilson_interval

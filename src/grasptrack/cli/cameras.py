@@ -14,7 +14,7 @@ def cameras() -> None:
       grasptrack cameras
       grasptrack track pylon:40012345 --set ExposureTime=2000
     """
-    from grasptrack.io.cameras.listing import list_cameras
+    from grasptrack.io.cameras.attached import list_cameras
 
     listings = list_cameras()
     found = [camera for listing in listings for camera in listing.cameras]

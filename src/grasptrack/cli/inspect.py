@@ -59,7 +59,7 @@ def inspect(
     lens = scene.lens
 
     from grasptrack.documents import write_json
-    from grasptrack.io.folder import prepare_folder
+    from grasptrack.files import prepare_folder
     from grasptrack.io.json_results import inspection_to_dict
     from grasptrack.trackability import inspect as look
     from grasptrack.trackability.result import as_seen

@@ -86,7 +86,7 @@ def live(
     except ImportError as error:
         raise InputError(f"the live page needs {error.name}: {install_hint('live')}") from None
 
-    from grasptrack.io.folder import hold_folder
+    from grasptrack.files import hold_folder
     from grasptrack.io.sources import open_source
     from grasptrack.live.session import LiveSession
 

@@ -157,7 +157,7 @@ def run_app(app: typer.Typer, arguments: Sequence[str], program: str) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             return OTHER
         except OSError as error:
-            from grasptrack.io.folder import is_full_disk
+            from grasptrack.files import is_full_disk
 
             return _report_failure(error, BAD_INPUT if is_full_disk(error) else OTHER, struck.now)
         except Exception as error:

@@ -87,9 +87,7 @@ class RecordingOptions:
         Raises:
             InputError: an option without the one it belongs to; a file that cannot be recorded to; an extra that is absent.
         """
-        from grasptrack.io.recorders.again import tracking_options
-        from grasptrack.io.recorders.json_lines import JsonLines
-        from grasptrack.io.recording import open_recording
+        from grasptrack.io.recording import JsonLines, open_recording, tracking_options
 
         if self.record_quality is not None and not self.record:
             raise InputError("--record-quality is for --record: give both")

@@ -75,7 +75,7 @@ def synthesize(
     scene = first.scene(image, "synthesize takes one image")
 
     from grasptrack.documents import write_json
-    from grasptrack.io.folder import prepare_folder
+    from grasptrack.files import prepare_folder
     from grasptrack.io.json_results import grasps_to_dict
     from grasptrack.view.grasps import write_grasps
 

@@ -326,7 +326,7 @@ def with_progress(output: Path, quiet: bool, work: Callable[[Progress], T], *, a
         RunInterruptedError: Ctrl-C or SIGTERM.
         InputError: the folder cannot be written, or another run writes to it.
     """
-    from grasptrack.io.folder import hold_folder
+    from grasptrack.files import hold_folder
 
     with Interruption() as interruption, hold_folder(output):
         try:

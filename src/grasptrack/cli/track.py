@@ -91,10 +91,10 @@ def track(
     said = first.said(grasp.contacts())
     tracking = first_image.tracker_settings(grasp, first, hand, length)
 
-    from grasptrack.io.bags.mcap import METADATA
+    from grasptrack.io.bags.readers import METADATA
     from grasptrack.io.live import LiveSource
     from grasptrack.io.masks import open_masks
-    from grasptrack.io.recorders.again import tracking_options
+    from grasptrack.io.recording import tracking_options
     from grasptrack.io.run import run_track
     from grasptrack.io.sources import open_source
 

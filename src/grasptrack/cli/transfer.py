@@ -83,9 +83,9 @@ def transfer(
       grasptrack transfer a.png b.png --camera camera.yaml
       grasptrack transfer a.png b.png --risk 1e-5 --json
     """
+    from grasptrack.files import prepare_folder
     from grasptrack.first_image import FirstImage
     from grasptrack.grasp.contacts import Grasp
-    from grasptrack.io.folder import prepare_folder
     from grasptrack.tracking.camera import Beforehand
     from grasptrack.tracking.image_pair import transfer_between_images
     from grasptrack.tracking.numbers import NUMBERS

@@ -1,19 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of a run for the viewers of robotics: MCAP for Foxglove, RRD for rerun; the suffix says which."""
+"""What a run is recorded as: files for the viewers of robotics, written in threads of their own, and lines of JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+import shlex
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
 from grasptrack.errors import InputError
+from grasptrack.io.columns import result_fields
+from grasptrack.io.limits import most_held
+from grasptrack.plugins import load_plugin, plugin_names
 
 if TYPE_CHECKING:
     from grasptrack.io.base import Frame
     from grasptrack.tracking.result import TrackResult
 
-SUFFIXES = (".mcap", ".rrd")
+STANDARD_OUTPUT = "-"
+OPTIONS = (
+    *("strategy", "fingers", "friction", "risk", "grasp", "object", "not", "box", "outline", "choose", "sure"),
+    *("masks", "first_look_ms", "segmenter", "background", "ignore", "camera", "length"),
+    *("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance", "scale", "resynthesize"),
+)
+"""Those of `grasptrack track` that decide what is tracked and how. The rate and the source's settings do not: a recording keeps
+the times."""
 
 
 class Recording(Protocol):
@@ -42,8 +58,6 @@ def open_recording(path: Path, *, quality: int | None = None, options: Callable[
     Raises:
         InputError: as of `create_recording`.
     """
-    from grasptrack.io.recorders.background import BackgroundRecording
-
     return BackgroundRecording(create_recording(path, quality=quality, options=options))
 
 
@@ -51,26 +65,216 @@ def create_recording(path: Path, *, quality: int | None = None, options: Callabl
     """A recording of the kind that the file's suffix names; images are encoded as they are written.
 
     Args:
-        path: the file, written over: .mcap (extra `foxglove`) or .rrd (extra `rerun`).
+        path: the file, written over; its suffix is that of a recorder (entry points "grasptrack.recorders"): .mcap (extra
+            `foxglove`), .rrd (extra `rerun`).
         quality: 1 to 100, of JPEG images; None keeps them as they are (PNG), so that tracking the recording again
             gives the same digits.
-        options: gives those of `grasptrack track` that track it again alike (`grasptrack.io.recorders.again`); asked with the
-            first image, and kept in an MCAP file.
+        options: gives those of `grasptrack track` that track it again alike (`tracking_options`); asked with the first image,
+            and kept in an MCAP file.
 
     Raises:
         InputError: another suffix, a quality out of range, a file that cannot be written, or an extra that is not installed.
     """
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f'a recording is a file {" or ".join(SUFFIXES)}, not "{path}"', path=str(path))
+    suffix, known = path.suffix.lower(), [f".{name}" for name in plugin_names("grasptrack.recorders")]
+    if suffix not in known:
+        raise InputError(f'a recording is a file {" or ".join(known)}, not "{path}"', path=str(path))
     if quality is not None and not 1 <= quality <= 100:
         raise InputError(f"the quality of a recording is 1 to 100, not {quality}", quality=quality)
     if not path.parent.is_dir():
         raise InputError(f'"{path}" cannot be written: there is no folder "{path.parent}"', path=str(path))
-    if suffix == ".mcap":
-        from grasptrack.io.recorders.foxglove import FoxgloveRecording
+    recording: Recording = load_plugin("grasptrack.recorders", suffix[1:])(path, quality, options)
+    return recording
 
-        return FoxgloveRecording(path, quality, options)
-    from grasptrack.io.recorders.rerun import RerunRecording
 
-    return RerunRecording(path, quality)
+# --- options for tracking a recording again -------------------------------------------------------
+
+
+def tracking_options(asked: Mapping[str, Any]) -> str:
+    """Words for a shell, in one order whatever the mapping's.
+
+    Args:
+        asked: what was asked for, by the options' names with underscores, as in run.json; what is None or False is left out,
+            and so are other names. Pixels of "object" and "not" are one text, a space between two.
+    """
+    words: list[str] = []
+    for name in OPTIONS:
+        value, option = asked.get(name), "--" + name.replace("_", "-")
+        if value is None or value is False:
+            continue
+        if value is True:
+            words.append(option)
+            continue
+        for text in str(value).split() if name in ("object", "not") else [str(value)]:
+            words += [f"{option}={text}"] if text.startswith("-") else [option, text]
+    return shlex.join(words)
+
+
+def points_text(points: Iterable[Iterable[float]] | None) -> str | None:
+    """Pixels as options take them, "x,y x,y", with all digits; None for none."""
+    pairs = [",".join(repr(float(v)) for v in point) for point in (() if points is None else points)]
+    return " ".join(pairs) or None
+
+
+# --- lines of JSON --------------------------------------------------------------------------------
+
+
+class JsonLines:
+    """Writes a line for every frame, and passes it on at once.
+
+    Args:
+        path: the file, written over; ``-`` for the standard output.
+        outline: tell the outline, too: some 300 points a line.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+
+    def __init__(self, path: Path, *, outline: bool = False) -> None:
+        self.path, self._outline = path, outline
+        self._own: TextIO | None = None
+        if str(path) != STANDARD_OUTPUT:
+            check_writable(path)
+            self._own = path.open("w", encoding="utf-8")
+
+    def write(self, frame: Frame, result: TrackResult) -> None:
+        """Add a frame."""
+        file = self._own or sys.stdout
+        fields = result_fields(frame, result, outline=self._outline)
+        file.write(json.dumps(fields, ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n")
+        file.flush()
+
+    def close(self) -> None:
+        """Close the file, if it is one; may be called again."""
+        if self._own is not None:
+            self._own.close()
+
+
+def check_writable(path: Path) -> None:
+    """Make a file empty.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        path.open("wb").close()
+    except OSError as error:
+        raise InputError(f'"{path}" cannot be written: {error.strerror or error}', path=str(path)) from None
+
+
+# --- in a thread of its own -----------------------------------------------------------------------
+
+
+class WriterThread:
+    """Writes one recording until it is ended. Of what waits, `grasptrack.io.limits.most_held` images are kept at most.
+
+    Args:
+        recording: where images go; from now on for this thread alone.
+        waits: where as many wait already, `add` waits, too, and nothing is lost; else the image is dropped and counted.
+        ended: called with this, in its own thread, when the file is whole, or writing has failed.
+
+    Attributes:
+        path: of the file.
+        written, dropped: images that were written, and that were not because too many waited.
+        error: why writing failed; None where it did not.
+    """
+
+    def __init__(
+        self, recording: Recording, *, waits: bool, ended: Callable[[WriterThread], None] | None = None
+    ) -> None:
+        self._recording, self._waits, self._on_end = recording, waits, ended
+        self.path: Path = recording.path
+        self.written = self.dropped = 0
+        self.error: Exception | None = None
+        self._changed = threading.Condition()
+        self._waiting: deque[tuple[Frame, TrackResult]] = deque()
+        self._ending = False
+        self._thread = threading.Thread(target=self._go, name="grasptrack-recorder", daemon=True)
+        self._thread.start()
+
+    def add(self, frame: Frame, result: TrackResult) -> None:
+        """Have one image written. What comes after the end, or after an error, is left out."""
+        most = most_held(frame.image)
+        with self._changed:
+            while self._waits and len(self._waiting) >= most and not self._ending:
+                self._changed.wait()
+            if self._ending:
+                return
+            if len(self._waiting) >= most:
+                self.dropped += 1
+                return
+            self._waiting.append((frame, result))
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        """Take no more images; what waits is written."""
+        with self._changed:
+            self._ending = True
+            self._changed.notify_all()
+
+    def join(self) -> None:
+        """Wait until the file is whole; where that is interrupted, what still waits is not written any more."""
+        try:
+            self._thread.join()
+        except BaseException:
+            with self._changed:
+                self._waiting.clear()
+            raise
+
+    def _go(self) -> None:
+        for work in (self._write, self._recording.close):
+            try:
+                work()
+            except Exception as error:  # encoders' own errors share no class
+                self.error = self.error or error
+                self.end()
+        if self._on_end is not None:
+            self._on_end(self)
+
+    def _write(self) -> None:
+        while True:
+            with self._changed:
+                while not self._waiting and not self._ending:
+                    self._changed.wait()
+                if not self._waiting:
+                    return
+                frame, result = self._waiting.popleft()
+                self._changed.notify_all()
+            self._recording.write(frame, result)
+            self.written += 1
+
+
+class BackgroundRecording:
+    """A recording that whoever writes to it does not wait for, but where too many images wait already; nothing is lost.
+
+    Args:
+        recording: as of `WriterThread`.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.path = recording.path
+        self._writer = WriterThread(recording, waits=True)
+        self._told = False
+
+    def write(self, frame: Frame, result: TrackResult) -> None:
+        """Have one image written; it may be changed afterwards.
+
+        Raises:
+            Exception: whatever became of an earlier one, once.
+        """
+        self._tell_error()
+        self._writer.add(replace(frame, image=frame.image.copy()), result)
+
+    def close(self) -> None:
+        """Write what waits and make the file whole; may be called again.
+
+        Raises:
+            Exception: what went wrong, where `write` has not raised it.
+        """
+        self._writer.end()
+        self._writer.join()
+        self._tell_error()
+
+    def _tell_error(self) -> None:
+        if self._writer.error is not None and not self._told:
+            self._told = True
+            raise self._writer.error

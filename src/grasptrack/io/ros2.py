@@ -18,9 +18,8 @@ from typing import Any, NamedTuple
 from grasptrack.errors import SourceError
 from grasptrack.io.bags.messages import MessageImages, image_kind, stamp_of
 from grasptrack.io.base import Image
-from grasptrack.io.extras import import_extra
-from grasptrack.io.live import LiveSource
-from grasptrack.io.uri import parse_address, take_patience
+from grasptrack.io.live import LiveSource, parse_address, take_patience
+from grasptrack.plugins import import_extra
 
 ROUTER = "tcp/localhost:7447"
 """Where rmw_zenoh's router listens if nothing else is said."""

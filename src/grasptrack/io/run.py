@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from grasptrack.documents import write_json
 from grasptrack.errors import InputError
+from grasptrack.files import hold_folder, prepare_folder
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.columns import UNITS
-from grasptrack.io.folder import hold_folder, prepare_folder
 from grasptrack.io.results import GraspsCsv, software_versions
 
 if TYPE_CHECKING:

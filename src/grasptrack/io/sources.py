@@ -5,27 +5,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from importlib import import_module
 from pathlib import Path
 
 from grasptrack.errors import SourceError
-from grasptrack.io.bags.paths import is_bag
+from grasptrack.io.bags.source import is_bag, open_bag
 from grasptrack.io.base import Frame, Source
+from grasptrack.io.cameras.v4l import open_webcam
 from grasptrack.io.images import ImageSource, images_in, images_matching, is_image_file
+from grasptrack.io.piped import open_piped
+from grasptrack.io.streams import SCHEMES, open_stream
 from grasptrack.io.video import VideoSource
+from grasptrack.plugins import load_plugin, plugin_names
 
 __all__ = ["Frame", "Source", "open_source"]
 
-_OPENERS = {
-    "camera": "cameras.v4l:open_webcam",
-    "pylon": "cameras.pylon:open_pylon",
-    "genicam": "cameras.genicam:open_genicam",
-    "realsense": "cameras.realsense:open_realsense",
-    **dict.fromkeys(("rtsp", "rtsps", "http", "https", "udp"), "streams:open_stream"),
-    "bag": "bags.source:open_bag",
-    "ros2": "ros2:open_topic",
-}
-"""What opens a source, by what stands before the colon; loaded when it is asked for."""
+Opener = Callable[[str, float | None, Mapping[str, str] | None], Source]
+"""Makes a source of its name, frames/s or None, and settings or None."""
+_OPENERS: dict[str, Opener] = {"camera": open_webcam, **dict.fromkeys(SCHEMES, open_stream), "bag": open_bag}
+"""By what stands before the colon; entry points "grasptrack.sources" add more."""
 _KINDS = "a folder, a glob, a video file, camera:0 or an image"
 
 
@@ -61,19 +58,21 @@ def open_source(
     if not text:
         raise SourceError("the source has no name: give " + _KINDS)
     kind, colon, _ = text.partition(":")
-    if colon and kind in _OPENERS:
-        return _opener(_OPENERS[kind])(text, fps, settings)
-    if text == "-":
-        return _opener("piped:open_piped")(text, fps, settings)
+    opener: Opener | None = (_OPENERS.get(kind) or load_plugin("grasptrack.sources", kind)) if colon else None
     path = Path(text)
-    try:
-        path.exists()
-    except OSError as error:
-        raise SourceError(f'"{text[:80]}" cannot be looked for: {error.strerror}', path=text) from None
-    if path.is_char_device():
-        return _opener(_OPENERS["camera"])(text, fps, settings)
-    if is_bag(path):
-        return _opener(_OPENERS["bag"])(text, fps, settings)
+    if opener is None and text == "-":
+        opener = open_piped
+    if opener is None:
+        try:
+            path.exists()
+        except OSError as error:
+            raise SourceError(f'"{text[:80]}" cannot be looked for: {error.strerror}', path=text) from None
+        if path.is_char_device():
+            opener = open_webcam
+        elif is_bag(path):
+            opener = open_bag
+    if opener is not None:
+        return opener(text, fps, settings)
     if settings:
         raise SourceError(f'"{text}" has no settings: --set is for cameras, streams and bags', settings=dict(settings))
     if path.is_dir():
@@ -85,12 +84,6 @@ def open_source(
     if path.exists():
         raise SourceError(f'"{text}" is neither a file nor a folder', path=text)
     if colon and kind.isalpha() and len(kind) > 1:
-        raise SourceError(f'"{kind}:" is no kind of source; there are {", ".join(sorted(_OPENERS))}', spec=text)
+        known = ", ".join(sorted({*_OPENERS, *plugin_names("grasptrack.sources")}))
+        raise SourceError(f'"{kind}:" is no kind of source; there are {known}', spec=text)
     raise SourceError(f'"{text}" does not exist: give {_KINDS}', path=text)
-
-
-def _opener(name: str) -> Callable[[str, float | None, Mapping[str, str] | None], Source]:
-    module, _, function = name.partition(":")
-    found: Callable[[str, float | None, Mapping[str, str] | None], Source]
-    found = getattr(import_module(f"grasptrack.io.{module}"), function)
-    return found

@@ -9,8 +9,7 @@ from urllib.parse import urlsplit
 
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image
-from grasptrack.io.live import DeviceGoneError, LiveSource
-from grasptrack.io.uri import take_patience
+from grasptrack.io.live import DeviceGoneError, LiveSource, take_patience
 from grasptrack.io.video import check_stream, open_media, upright_image
 
 SCHEMES = ("rtsp", "rtsps", "http", "https", "udp")

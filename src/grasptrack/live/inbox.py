@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from grasptrack.errors import InputError
-from grasptrack.io.backlog import Backlog
 from grasptrack.io.base import Frame
-from grasptrack.io.limits import most_held
+from grasptrack.io.limits import Backlog, most_held
 
 MOST = 256
 """Commands that wait; a person gives a few in a second."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from grasptrack.io.base import Source
-from grasptrack.io.recorders.background import WriterThread
+from grasptrack.io.recording import WriterThread
 from grasptrack.io.run import FILES, Run, RunSummary, prepare_output
 from grasptrack.live.advisor import Advisor
 from grasptrack.live.commands import Command

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from grasptrack.io.base import Frame
-from grasptrack.io.recorders.background import WriterThread
-from grasptrack.io.recording import Recording, create_recording
+from grasptrack.io.recording import Recording, WriterThread, create_recording
 from grasptrack.io.video import VideoWriter
 from grasptrack.tracking.result import TrackResult
 from grasptrack.view.draw import draw_overlay

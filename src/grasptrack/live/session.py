@@ -18,8 +18,7 @@ from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.first_image import FirstImage
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.io.base import Source
-from grasptrack.io.recorders.again import tracking_options
-from grasptrack.io.recorders.background import WriterThread
+from grasptrack.io.recording import WriterThread, tracking_options
 from grasptrack.live import commands as told
 from grasptrack.live.advisor import (
     Failure,

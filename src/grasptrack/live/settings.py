@@ -12,7 +12,7 @@ from grasptrack.first_image import FirstImage
 from grasptrack.geometry.cameras import Camera
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION
 from grasptrack.grasp.hand import Hand
-from grasptrack.io.recorders.again import points_text
+from grasptrack.io.recording import points_text
 from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter
 from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.numbers import DEFAULT_RISK

@@ -15,6 +15,7 @@ from grasptrack.geometry.contours import Outline, View, as_view
 from grasptrack.presentation import format_confidence
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.typing import Floats
+from grasptrack.view.marks import cone_length, friction_cones, grasp_spokes
 from grasptrack.view.style import (
     DARK_RGB,
     INK_RGB,
@@ -34,55 +35,6 @@ from grasptrack.view.style import (
 
 if TYPE_CHECKING:
     from grasptrack.tracking.result import TrackResult
-
-
-_ARC = np.linspace(-1.0, 1.0, 13)
-
-
-def friction_cones(result: TrackResult, length: float) -> list[Floats]:
-    """Friction cones as closed polygons (m, 2) px of the current image: apex at the contact, opening into the material.
-
-    A cone that was judged in the object's own plane, or in the reference view, is bent by the same perspective as the object:
-    each of its directions is carried over by the derivative of the homography at the contact.
-
-    Args:
-        result: contacts and their analysis; empty without them.
-        length: px from apex to arc.
-    """
-    if result.contacts is None or result.analysis is None:
-        return []
-    half, H = math.atan(result.analysis.friction), None
-    if result.homography is not None and result.analysis.judged_in == "reference":
-        H = result.homography
-    elif result.homography is not None and result.rectification is not None and result.analysis.judged_in == "plane":
-        H = result.homography @ np.linalg.inv(result.rectification)
-    polygons = []
-    for contact, normal in zip(result.contacts, result.analysis.normals, strict=False):
-        angles = math.atan2(normal[1], normal[0]) + half * _ARC
-        directions = np.column_stack([np.cos(angles), np.sin(angles)])
-        if H is not None:
-            directions = directions @ jacobian_at(H, contact).T
-        norms = np.linalg.norm(directions, axis=1, keepdims=True)
-        if not np.isfinite(norms).all() or norms.min() <= 0.0:
-            continue
-        polygons.append(np.vstack([contact, contact + length * directions / norms]))
-    return polygons
-
-
-def jacobian_at(H_current_reference: Floats, point: Floats) -> Floats:
-    """(2, 2) derivative of a homography at the reference point that it maps to `point` of the current view."""
-    H = H_current_reference / np.linalg.norm(H_current_reference)
-    u, v, w = np.linalg.solve(H, np.array([point[0], point[1], 1.0]))
-    scale = float(H[2] @ np.array([u / w, v / w, 1.0]))
-    x, y = point
-    J: Floats = np.array([H[0, :2] - x * H[2, :2], H[1, :2] - y * H[2, :2]]) / scale
-    return J
-
-
-def cone_length(contacts: Floats, unit: float) -> float:
-    """px; a third of the way to the contacts' middle on either side, within what is legible."""
-    reach = float(np.linalg.norm(contacts - contacts.mean(axis=0), axis=1).mean())
-    return min(max(0.62 * reach, 14.0 * unit), 64.0 * unit)
 
 
 _CHIP_INK: Colour = (10, 14, 18)
@@ -263,12 +215,6 @@ def draw_disc(canvas: Picture, centre: Floats, radius: float, colour: Colour, wi
     x, y = np.rint(np.clip(centre, -_FAR, _FAR) * (1 << _SHIFT)).astype(int).tolist()
     thickness = -1 if width < 0 else max(1, round(width))
     cv2.circle(canvas, (x, y), round(radius * (1 << _SHIFT)), rgb_to_bgr(colour), thickness, cv2.LINE_AA, _SHIFT)
-
-
-def grasp_spokes(contacts: Floats) -> list[Floats]:
-    """The lines (2, 2) that stand for a grasp: between two contacts, from the middle to each of more."""
-    middle = contacts.mean(axis=0)
-    return [contacts] if len(contacts) == 2 else [np.vstack([middle, c]) for c in contacts]
 
 
 def _scaled_canvas(image: NDArray[Any]) -> tuple[Picture, float, float]:

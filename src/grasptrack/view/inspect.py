@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from grasptrack.trackability.motions import SLIDING, sliding_displacement
 from grasptrack.trackability.report import Row, describe_expectation, report_rows
 from grasptrack.typing import Floats
-from grasptrack.view.draw import grasp_spokes
+from grasptrack.view.marks import grasp_spokes
 from grasptrack.view.panel import (
     LINE,
     NEIGHBOUR,

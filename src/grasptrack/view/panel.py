@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
 from grasptrack.undistortion import SeenGrasp
-from grasptrack.view.draw import as_bgr, grasp_spokes
+from grasptrack.view.draw import as_bgr
+from grasptrack.view.marks import grasp_spokes, sector_polygon
 from grasptrack.view.style import (
     CONE_RGB,
     DARK,
@@ -153,19 +154,6 @@ def grasp_opening(grasp: RankedGrasp) -> float:
     if len(grasp) == 2:
         return math.dist(contacts[0], contacts[1])
     return 2.0 * float(np.linalg.norm(contacts - contacts.mean(axis=0), axis=1).max())
-
-
-def sector_polygon(apex: Floats, direction: Floats, half_angle: float, length: float) -> Floats:
-    """A sector as a closed polygon (m, 2) px.
-
-    Args:
-        apex: (2,) px.
-        direction: (2,) of its middle.
-        half_angle: rad.
-        length: px from apex to arc.
-    """
-    angles = math.atan2(direction[1], direction[0]) + half_angle * np.linspace(-1.0, 1.0, 17)
-    return np.vstack([apex, apex + length * np.column_stack([np.cos(angles), np.sin(angles)])])
 
 
 def inward_normals(grasp: RankedGrasp, view: View, friction: float) -> Floats:

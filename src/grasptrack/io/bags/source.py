@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from grasptrack.errors import GraspTrackError, SourceError
-from grasptrack.io.bags.mcap import IMAGE_TOPIC, RESULT_TOPIC, McapFile
 from grasptrack.io.bags.messages import MessageImages, Topic, stamp_of
-from grasptrack.io.bags.paths import SUFFIXES, is_bag
-from grasptrack.io.bags.rosbag import RosBag
+from grasptrack.io.bags.readers import IMAGE_TOPIC, RESULT_TOPIC, McapFile, RosBag
 from grasptrack.io.base import Image, Source
+
+SUFFIXES = frozenset({".bag", ".mcap", ".db3"})
 
 
 class BagSource(Source):
@@ -122,6 +122,13 @@ def _choose_topic(path: Path, topics: list[Topic], asked: str) -> Topic:
         absent = "holds no images" if any(t.name == asked for t in topics) else "is not in it"
         raise SourceError(f'bag "{path}": topic {asked} {absent}; images are in {there}', topic=asked)
     return found
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is that of a bag: a file by its suffix, a folder by what `ros2 bag` puts into it."""
+    if path.is_file():
+        return path.suffix.lower() in SUFFIXES
+    return path.is_dir() and (path / "metadata.yaml").is_file()
 
 
 def open_bag(spec: str, fps: float | None = None, settings: Mapping[str, str] | None = None) -> BagSource:

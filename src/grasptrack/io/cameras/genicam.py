@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from grasptrack.errors import SourceError
+from grasptrack.errors import InputError, SourceError
 from grasptrack.io.base import Image
 from grasptrack.io.cameras.attached import Attached, choose_serial
-from grasptrack.io.extras import import_extra
 from grasptrack.io.limits import check_size
-from grasptrack.io.live import DeviceGoneError, LiveSource, driver_message
+from grasptrack.io.live import DeviceGoneError, LiveSource, driver_message, parse_address, take_patience
 from grasptrack.io.pixels import genicam_format, raw_image, to_image
-from grasptrack.io.uri import parse_address, take_patience
+from grasptrack.plugins import import_extra
 
 _WAIT_S = 1.0
 _TICKS = 1e9
@@ -127,11 +126,13 @@ def attached_genicam() -> list[Attached]:
     """The cameras of all producers that are installed.
 
     Raises:
-        InputError: harvesters or genicam are not installed, or a producer cannot be loaded.
+        InputError: harvesters or genicam are not installed, there is no producer, or one cannot be loaded.
     """
     import_extra("harvesters.core", "genicam", "a GenICam camera")
-    found = []
-    for producer in producers():
+    found, installed = [], producers()
+    if not installed:
+        raise InputError(f"no GenTL producer in the folders of {SEARCH_PATH}: name one, as genicam:FILE.cti")
+    for producer in installed:
         harvester = _harvest(producer)
         try:
             for info in harvester.device_info_list:

@@ -11,11 +11,10 @@ import numpy as np
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image
 from grasptrack.io.cameras.attached import Attached, choose_serial
-from grasptrack.io.extras import import_extra
 from grasptrack.io.limits import check_size
-from grasptrack.io.live import DeviceGoneError, LiveSource, driver_message
+from grasptrack.io.live import DeviceGoneError, LiveSource, driver_message, parse_address, take_patience
 from grasptrack.io.pixels import genicam_format, raw_image, to_image
-from grasptrack.io.uri import parse_address, take_patience
+from grasptrack.plugins import import_extra
 
 _WAIT_MS = 1000
 _TICKS = 1e9

@@ -11,9 +11,8 @@ import numpy as np
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image
 from grasptrack.io.cameras.attached import Attached, choose_serial
-from grasptrack.io.extras import import_extra
-from grasptrack.io.live import DeviceGoneError, LiveSource
-from grasptrack.io.uri import parse_address, take_number, take_patience, take_size
+from grasptrack.io.live import DeviceGoneError, LiveSource, parse_address, take_number, take_patience, take_size
+from grasptrack.plugins import import_extra
 
 _WAIT_MS = 1000
 _STREAMS = ("color", "infrared")

@@ -11,8 +11,7 @@ import numpy as np
 
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image
-from grasptrack.io.live import DeviceGoneError, LiveSource
-from grasptrack.io.uri import parse_address, take_number, take_patience, take_size
+from grasptrack.io.live import DeviceGoneError, LiveSource, parse_address, take_number, take_patience, take_size
 
 MOST_CAMERAS = 99
 """OpenCV takes the hundreds of a camera's number for a way to talk to it."""

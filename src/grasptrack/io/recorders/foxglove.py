@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasptrack.errors import InputError
-from grasptrack.io.bags.mcap import IMAGE_TOPIC, METADATA, RESULT_TOPIC
+from grasptrack.io.bags.readers import IMAGE_TOPIC, METADATA, RESULT_TOPIC
 from grasptrack.io.columns import result_fields, result_schema
-from grasptrack.io.encoding import encode_image
-from grasptrack.io.extras import import_extra
-from grasptrack.io.recorders.fields import HALF, covariance_ellipses, status_line
+from grasptrack.io.images import encode_image
+from grasptrack.io.recording import check_writable
 from grasptrack.io.video import DEFAULT_FPS
+from grasptrack.plugins import import_extra
+from grasptrack.view.marks import HALF, covariance_ellipses, status_line
 from grasptrack.view.style import STATUS_RGB
 
 if TYPE_CHECKING:
@@ -54,12 +55,11 @@ class FoxgloveRecording:
         self._messages: Any = import_extra("foxglove.messages", "foxglove", "a recording for Foxglove")
         # Not the global one: two recordings must not see each other's images. It must live as long as its channels.
         self._context = context = self._sdk.Context()
+        check_writable(path)
         try:
-            path.open("wb").close()
             self._writer: Any = self._sdk.open_mcap(path, allow_overwrite=True, context=context)
         except (OSError, RuntimeError) as error:
-            said = getattr(error, "strerror", None) or error
-            raise InputError(f'"{path}" cannot be written: {said}', path=str(path)) from None
+            raise InputError(f'"{path}" cannot be written: {error}', path=str(path)) from None
         self._options: Callable[[], str] | None = options
         self._largest = 0
         self._images = channels.CompressedImageChannel(IMAGE_TOPIC, context=context)

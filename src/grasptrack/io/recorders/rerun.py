@@ -4,16 +4,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grasptrack.errors import InputError
 from grasptrack.io.columns import NAMED
-from grasptrack.io.encoding import encode_image
-from grasptrack.io.extras import import_extra
-from grasptrack.io.recorders.fields import HALF, covariance_ellipses, status_line
+from grasptrack.io.images import encode_image
+from grasptrack.io.recording import check_writable
+from grasptrack.plugins import import_extra
+from grasptrack.view.marks import HALF, covariance_ellipses, status_line
 from grasptrack.view.style import STATUS_RGB
 
 if TYPE_CHECKING:
@@ -39,18 +40,16 @@ class RerunRecording:
     Args:
         path: the file, written over.
         quality: 1 to 100, of JPEG images; None for PNG.
+        options: not kept.
 
     Raises:
         InputError: rerun-sdk is not installed, or the file cannot be written.
     """
 
-    def __init__(self, path: Path, quality: int | None = None) -> None:
+    def __init__(self, path: Path, quality: int | None = None, options: Callable[[], str] = str) -> None:
         self.path, self._quality = path, quality
         self._rr: Any = import_extra("rerun", "rerun", "a recording for rerun")
-        try:
-            path.open("wb").close()
-        except OSError as error:
-            raise InputError(f'"{path}" cannot be written: {error.strerror or error}', path=str(path)) from None
+        check_writable(path)
         self._stream: Any = self._rr.RecordingStream("grasptrack")
         self._stream.save(path)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MCAP files through the mcap library: messages of ROS 1, ROS 2 (CDR), protobuf and JSON. Extra `bags` or `foxglove`."""
+"""Recordings by their own libraries: MCAP files (ROS 1, ROS 2, protobuf, JSON) and bags of ROS. Extra `bags` or `foxglove`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 from grasptrack.errors import SourceError
 from grasptrack.io.bags.messages import Topic
-from grasptrack.io.extras import import_extra
+from grasptrack.plugins import import_extra
 
 RESULT_TOPIC = "/grasptrack/result"
 """Where our own recordings tell each image's time as it was, to the last digit, or that it had none."""
@@ -147,3 +147,33 @@ def _with_bytes(fields: dict[str, Any]) -> SimpleNamespace:
     if isinstance(fields.get("data"), str):
         fields["data"] = base64.b64decode(fields["data"])
     return SimpleNamespace(**fields)
+
+
+class RosBag:
+    """An open bag.
+
+    Args:
+        path: a file .bag, or the folder of a ROS 2 bag.
+    """
+
+    def __init__(self, path: Path) -> None:
+        highlevel = import_extra("rosbags.highlevel", "bags", "a bag of ROS")
+        typesys = import_extra("rosbags.typesys", "bags", "a bag of ROS")
+        # Bags of ROS 2 before Iron hold no definitions; those of images are the same in all.
+        known = typesys.get_typestore(typesys.Stores.LATEST)
+        self._reader: Any = highlevel.AnyReader([path], default_typestore=known)
+        self._reader.open()
+
+    def topics(self) -> list[Topic]:
+        """All topics."""
+        return [Topic(name, info.msgtype or "", info.msgcount) for name, info in self._reader.topics.items()]
+
+    def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """Times of recording in ns and messages, in that order."""
+        chosen = [c for c in self._reader.connections if c.topic == topic]
+        for connection, time, data in self._reader.messages(connections=chosen):
+            yield time, self._reader.deserialize(data, connection.msgtype)
+
+    def close(self) -> None:
+        """Close the files."""
+        self._reader.close()
