@@ -16,10 +16,9 @@ from grasptrack import GraspTracker, open_source
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
 from grasptrack.io.columns import result_fields
-from grasptrack.io.recording import open_recording
+from grasptrack.io.recording import HALF, covariance_ellipses, open_recording
 from grasptrack.io.run import run_track
 from grasptrack.tracking.result import TrackResult
-from grasptrack.view.marks import HALF, covariance_ellipses
 from recordings import plates, rows
 
 

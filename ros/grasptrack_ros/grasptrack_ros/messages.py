@@ -25,9 +25,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 import grasptrack as gt
 from grasptrack.io.columns import NAMED
+from grasptrack.io.recording import HALF, status_line
 from grasptrack.typing import Floats
 from grasptrack.view.draw import draw_overlay
-from grasptrack.view.marks import HALF, status_line
 from grasptrack.view.style import STATUS_RGB, Colour
 from grasptrack_ros.tracking import stamp_ns
 

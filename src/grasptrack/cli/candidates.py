@@ -32,7 +32,7 @@ def note_candidates(
     if meant or image is None or not candidates or candidates[0].probability >= sure:
         return []
     from grasptrack.segmentation.candidate import describe_candidate
-    from grasptrack.view.candidates import write_candidates
+    from grasptrack.view.draw import write_candidates
 
     write_candidates(picture, image, candidates)
     told = f"the object was chosen with a probability of {100.0 * candidates[0].probability:.0f} %, which is not sure"

@@ -13,6 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
+import numpy as np
+
 from grasptrack.errors import InputError
 from grasptrack.io.columns import result_fields
 from grasptrack.io.limits import most_held
@@ -21,8 +23,13 @@ from grasptrack.plugins import load_plugin, plugin_names
 if TYPE_CHECKING:
     from grasptrack.io.base import Frame
     from grasptrack.tracking.result import TrackResult
+    from grasptrack.typing import Floats
 
 STANDARD_OUTPUT = "-"
+HALF = 0.5
+"""px from our coordinates, with (0, 0) in the centre of the first pixel, to those that count from its corner."""
+_INSIDE_95 = 2.4477
+"""Standard deviations within which 95 % of a normal distribution in the plane lie: sqrt(-2 ln 0.05)."""
 OPTIONS = (
     *("strategy", "fingers", "friction", "risk", "grasp", "object", "not", "box", "outline", "choose", "sure"),
     *("masks", "first_look_ms", "segmenter", "background", "ignore", "camera", "length"),
@@ -159,6 +166,28 @@ def check_writable(path: Path) -> None:
         path.open("wb").close()
     except OSError as error:
         raise InputError(f'"{path}" cannot be written: {error.strerror or error}', path=str(path)) from None
+
+
+# --- what viewers draw ----------------------------------------------------------------------------
+
+
+def status_line(result: TrackResult) -> str:
+    """Status, and why where it is not tracked."""
+    return f"{result.status}: {result.reason}" if result.reason else result.status
+
+
+def covariance_ellipses(result: TrackResult, points: int = 24) -> list[Floats]:
+    """(points, 2) px on the 95 % ellipse of each contact; none where no covariance is known."""
+    if result.contacts is None or result.covariance is None:
+        return []
+    turn = np.linspace(0.0, 2.0 * np.pi, points, endpoint=False)
+    circle = np.column_stack([np.cos(turn), np.sin(turn)]) * _INSIDE_95
+    found = []
+    for contact, covariance in zip(result.contacts, result.covariance, strict=True):
+        if np.isfinite(covariance).all():
+            values, axes = np.linalg.eigh(covariance)
+            found.append(contact + circle * np.sqrt(np.maximum(values, 0.0)) @ axes.T)
+    return found
 
 
 # --- in a thread of its own -----------------------------------------------------------------------

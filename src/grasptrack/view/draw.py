@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.files import whole_file
 from grasptrack.geometry.contours import Outline, View, as_view
 from grasptrack.presentation import format_confidence
 from grasptrack.tracking.messages import SENTENCES
@@ -18,11 +20,13 @@ from grasptrack.typing import Floats
 from grasptrack.view.marks import cone_length, friction_cones, grasp_spokes
 from grasptrack.view.style import (
     DARK_RGB,
+    FINGER_RGB,
     INK_RGB,
     MUTED_RGB,
     PANEL_RGB,
     RULE_RGB,
     STATUS_RGB,
+    STRATEGY_RGB,
     WHITE_RGB,
     Colour,
     Picture,
@@ -34,6 +38,7 @@ from grasptrack.view.style import (
 )
 
 if TYPE_CHECKING:
+    from grasptrack.segmentation.candidate import Candidate
     from grasptrack.tracking.result import TrackResult
 
 
@@ -303,3 +308,41 @@ def _draw_number(canvas: Picture, text: str, centre: Floats, unit: float) -> Non
     draw_disc(canvas, at, radius, DARK_RGB)
     x = round(at[0] - text_width(text, size, bold=True) / 2)
     put_text(canvas, text, x, round(at[1] + 0.37 * size), size, WHITE_RGB, bold=True)
+
+
+# --- candidates of a first look --------------------------------------------------------------------
+
+CANDIDATE_RGB = (STATUS_RGB["tracked"], STRATEGY_RGB["rrp"], FINGER_RGB)
+
+
+def draw_candidates(image: NDArray[Any], candidates: Sequence[Candidate]) -> Picture:
+    """The image (H, W, 3) BGR with the outlines of up to three candidates and their numbers, 1 being the likeliest."""
+    from grasptrack.images import to_bgr
+
+    seen = to_bgr(image)
+    picture = np.array(seen if seen.ndim == 3 else cv2.cvtColor(seen, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    size = max(16, round(picture.shape[0] / 24))
+    for number in range(min(3, len(candidates)), 0, -1):
+        candidate, colour = candidates[number - 1], CANDIDATE_RGB[number - 1]
+        for contour in candidate.view.contours:
+            draw_polyline(picture, contour.points, (0, 0, 0), max(3, size // 5), closed=True)
+            draw_polyline(picture, contour.points, colour, max(2, size // 9), closed=True)
+    lines = [f"{number}   {100.0 * c.probability:.0f} %" for number, c in enumerate(candidates[:3], 1)]
+    wide = max((text_width(line, size, True) for line in lines), default=0)
+    picture[: round(1.4 * size * len(lines) + 0.5 * size), : wide + 2 * size] = rgb_to_bgr(PANEL_RGB)
+    for row, line in enumerate(lines):
+        put_text(picture, line, size, round(1.4 * size * (row + 1)), size, CANDIDATE_RGB[row], True)
+    return picture
+
+
+def write_candidates(path: Path, image: NDArray[Any], candidates: Sequence[Candidate]) -> None:
+    """The picture as a file.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    good, data = cv2.imencode(path.suffix, draw_candidates(image, candidates))
+    if not good:
+        raise OSError(f'"{path}" cannot be written')
+    with whole_file(path) as part:
+        part.write_bytes(data.tobytes())

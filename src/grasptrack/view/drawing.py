@@ -20,8 +20,7 @@ from grasptrack.trackability.result import Suitability
 from grasptrack.tracking.result import TrackResult
 from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
-from grasptrack.view.candidates import draw_candidates
-from grasptrack.view.draw import draw_grasps, draw_overlay
+from grasptrack.view.draw import draw_candidates, draw_grasps, draw_overlay
 from grasptrack.view.inspect import write_inspection
 
 Drawable = TrackResult | Candidate | Suitability | Grasp | Transfer | Outline | Sequence[Candidate] | Sequence[Grasp]

@@ -218,7 +218,7 @@ def _draw_main_panel(figure: Any, picture: NDArray[np.uint8], objects: Sequence[
     several = len(objects) > 1
     best = [o.grasps[0] for o in objects if o.grasps]
     outlines, fingers = [o.outline.points for o in objects], [g.swept for g in best]
-    shown = image_window(outlines, fingers, _image_size(picture), _MAIN[2] / _MAIN[3], 0.1, 1.7)
+    shown = image_window(outlines, fingers, picture.shape, _MAIN[2] / _MAIN[3], 0.1, 1.7)
     panel = add_panel(figure, picture, shown, _MAIN)
     if not several:
         panel.draw_neighbours(objects[0].neighbours)
@@ -239,7 +239,7 @@ def _close_up(figure: Any, picture: NDArray[np.uint8], panel: Panel, found: Plan
     grasp, outline = found.grasps[0], found.outline.points
     left, bottom, width, height = _MAIN
     size = width * _INSET, height * _INSET
-    near = image_window([grasp.swept.reshape(-1, 2)], [], _image_size(picture), size[0] / size[1], 0.25)
+    near = image_window([grasp.swept.reshape(-1, 2)], [], picture.shape, size[0] / size[1], 0.25)
     if _LARGER * (near[2] - near[0]) > _INSET * (panel.window[2] - panel.window[0]):
         return False
     seen = np.vstack([outline, [near[:2], near[2:], (near[0], near[3]), (near[2], near[1])]])
@@ -269,7 +269,7 @@ def _draw_next_best(
     outline, fingers = found.outline.points, [g.fingers for g in rest]
     boxes = panel_grid(column.free_box(), len(rest), aspect_of(outline))
     for i, (box, grasp) in enumerate(zip(boxes, rest, strict=True)):
-        shown = image_window([outline], fingers, _image_size(picture), box[2] / box[3], 0.05)
+        shown = image_window([outline], fingers, picture.shape, box[2] / box[3], 0.05)
         panel = add_panel(figure, picture, shown, box)
         panel.draw_outline(found.outline, 1.0)
         panel.draw_small_grasp(grasp)
@@ -286,7 +286,7 @@ def _draw_each_object(
     for i, (box, found) in enumerate(zip(boxes, objects, strict=False)):
         best = found.grasps[:1]
         fingers = [g.fingers for g in best]
-        shown = image_window([found.outline.points], fingers, _image_size(picture), box[2] / box[3], 0.05)
+        shown = image_window([found.outline.points], fingers, picture.shape, box[2] / box[3], 0.05)
         panel = add_panel(figure, picture, shown, box)
         panel.draw_outline(found.outline, 1.0)
         for grasp in best:
@@ -302,7 +302,3 @@ def _number_position(found: Planned) -> Floats:
         return np.asarray(ends[0])
     away = np.linalg.norm(ends[:, None] - found.grasps[0].contacts, axis=2).min(axis=1)
     return np.asarray(ends[int(away.argmax())])
-
-
-def _image_size(picture: NDArray[np.uint8]) -> tuple[int, int]:
-    return picture.shape[0], picture.shape[1]

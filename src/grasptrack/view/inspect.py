@@ -194,7 +194,7 @@ def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, tit
     figure = create_figure(*PAGE, dpi=PAGE_DPI, facecolor="white")
     picture = mute_image(image)
     seen = [found.view.points, *(v.outer.points for v in found.equals[:1])]
-    shown = image_window(seen, [], (picture.shape[0], picture.shape[1]), _MAIN[2] / _MAIN[3], 0.16, 1.3)
+    shown = image_window(seen, [], picture.shape, _MAIN[2] / _MAIN[3], 0.16, 1.3)
     panel = add_panel(figure, picture, shown, _MAIN)
     times = ellipse_magnification(found, panel.px_per_point)
     panel.draw_neighbours(found.equals, 1.6)

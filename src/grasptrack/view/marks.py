@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands for an answer in any picture: the lines of a grasp, friction cones, ellipses of error, a line of text."""
+"""What stands for a grasp in any picture: its lines and friction cones."""
 
 from __future__ import annotations
 
@@ -13,16 +13,7 @@ from grasptrack.typing import Floats
 if TYPE_CHECKING:
     from grasptrack.tracking.result import TrackResult
 
-HALF = 0.5
-"""px from our coordinates, with (0, 0) in the centre of the first pixel, to those that count from its corner."""
 _ARC = np.linspace(-1.0, 1.0, 13)
-_INSIDE_95 = 2.4477
-"""Standard deviations within which 95 % of a normal distribution in the plane lie: sqrt(-2 ln 0.05)."""
-
-
-def status_line(result: TrackResult) -> str:
-    """Status, and why where it is not tracked."""
-    return f"{result.status}: {result.reason}" if result.reason else result.status
 
 
 def grasp_spokes(contacts: Floats) -> list[Floats]:
@@ -88,17 +79,3 @@ def cone_length(contacts: Floats, unit: float) -> float:
     """px; a third of the way to the contacts' middle on either side, within what is legible."""
     reach = float(np.linalg.norm(contacts - contacts.mean(axis=0), axis=1).mean())
     return min(max(0.62 * reach, 14.0 * unit), 64.0 * unit)
-
-
-def covariance_ellipses(result: TrackResult, points: int = 24) -> list[Floats]:
-    """(points, 2) px on the 95 % ellipse of each contact; none where no covariance is known."""
-    if result.contacts is None or result.covariance is None:
-        return []
-    turn = np.linspace(0.0, 2.0 * np.pi, points, endpoint=False)
-    circle = np.column_stack([np.cos(turn), np.sin(turn)]) * _INSIDE_95
-    found = []
-    for contact, covariance in zip(result.contacts, result.covariance, strict=True):
-        if np.isfinite(covariance).all():
-            values, axes = np.linalg.eigh(covariance)
-            found.append(contact + circle * np.sqrt(np.maximum(values, 0.0)) @ axes.T)
-    return found

@@ -44,7 +44,7 @@ Box = tuple[float, float, float, float]
 def image_window(
     outlines: Sequence[Floats],
     fingers: Sequence[Floats],
-    shape: tuple[int, int],
+    shape: tuple[int, ...],
     aspect: float,
     room: float,
     most: float = 1.0,

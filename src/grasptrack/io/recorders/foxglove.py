@@ -15,10 +15,9 @@ from grasptrack.errors import InputError
 from grasptrack.io.bags.readers import IMAGE_TOPIC, METADATA, RESULT_TOPIC
 from grasptrack.io.columns import result_fields, result_schema
 from grasptrack.io.images import encode_image
-from grasptrack.io.recording import check_writable
+from grasptrack.io.recording import HALF, check_writable, covariance_ellipses, status_line
 from grasptrack.io.video import DEFAULT_FPS
 from grasptrack.plugins import import_extra
-from grasptrack.view.marks import HALF, covariance_ellipses, status_line
 from grasptrack.view.style import STATUS_RGB
 
 if TYPE_CHECKING:

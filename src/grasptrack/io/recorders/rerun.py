@@ -12,9 +12,8 @@ import numpy as np
 
 from grasptrack.io.columns import NAMED
 from grasptrack.io.images import encode_image
-from grasptrack.io.recording import check_writable
+from grasptrack.io.recording import HALF, check_writable, covariance_ellipses, status_line
 from grasptrack.plugins import import_extra
-from grasptrack.view.marks import HALF, covariance_ellipses, status_line
 from grasptrack.view.style import STATUS_RGB
 
 if TYPE_CHECKING:
