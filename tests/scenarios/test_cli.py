@@ -281,7 +281,7 @@ def test_a_signal_while_python_takes_itself_down_leaves_the_status(number: signa
     """Python gives its handlers back before it destroys its modules, and a signal would kill."""
     code = """
 import os, sys, time
-from grasptrack.cli.terminal import keep_status
+from grasptrack.cli.terminal import end_process
 
 class Slow:
     def __del__(self, write=os.write, sleep=time.sleep):
@@ -289,7 +289,7 @@ class Slow:
         sleep(1.0)
 
 slow = Slow()
-keep_status(3)
+end_process(3)
 sys.exit(3)
 """
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:

@@ -26,8 +26,7 @@ from grasptrack.cli.synthesize import synthesize
 from grasptrack.cli.terminal import (
     INTERRUPTED,
     RunInterruptedError,
-    end_at_once,
-    keep_status,
+    end_process,
     only_our_errors,
     signals_as_interrupts,
     tell_error,
@@ -123,9 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     status = run_app(app, sys.argv[1:] if arguments is None else arguments, "grasptrack")
     if arguments is None:  # this process has nothing else to do
-        if status == INTERRUPTED:
-            end_at_once(status)
-        keep_status(status)
+        end_process(status)
     return status
 
 

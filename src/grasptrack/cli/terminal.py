@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from grasptrack.io.run import RunSummary
@@ -62,21 +62,17 @@ def signals_as_interrupts() -> Iterator[Struck]:
             signal.signal(number, handler)
 
 
-def keep_status(status: int) -> None:
-    """Ctrl-C and SIGTERM, while Python takes itself down after the work, end the process with the work's status."""
+def end_process(status: int) -> None:
+    """From here on Ctrl-C and SIGTERM keep the work's status; one that came before ends the process at once."""
+    if status == INTERRUPTED:  # Python's teardown fails on what a signal left half imported
+        with contextlib.suppress(OSError, ValueError):
+            sys.stdout.flush()
+        os._exit(status)
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: os._exit(status))
         # Last of all Python takes handlers of its own away, and a signal would kill: one that is ignored stays so.
         atexit.register(lambda: [signal.signal(n, signal.SIG_IGN) for n in (signal.SIGINT, signal.SIGTERM)])
-
-
-def end_at_once(status: int) -> NoReturn:
-    """End the process without Python's own teardown, which fails on what an interrupted import left half made."""
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):
-            stream.flush()
-    os._exit(status)
 
 
 def tell_error(message: str) -> None:
