@@ -204,7 +204,9 @@ grasptrack:
             path: of the file; for easy_handeye2 the calibration's name and `.calib`, in the folder of its calibrations.
             kind: "easy_handeye2", or "launch": a launch file of ROS 2 with a static_transform_publisher, as MoveIt's hand-eye
                 calibration saves one.
-            hand, camera, base: names of the frames, as in `save`.
+            hand: name of the hand's frame, as in `save`.
+            camera: of the camera's.
+            base: of the robot's.
 
         Raises:
             InputError: another kind, or it cannot be written.
