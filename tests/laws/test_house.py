@@ -11,10 +11,10 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 37_800,
-    "src/grasptrack/tracking": 6_100,
-    "src/grasptrack/servo": 5_210,
-    "src/grasptrack/io": 5_110,
+    "src/grasptrack": 37_450,
+    "src/grasptrack/tracking": 6_080,
+    "src/grasptrack/servo": 4_960,
+    "src/grasptrack/io": 4_870,
     "src/grasptrack/segmentation": 3_800,
     "src/grasptrack/cli": 2_820,
     "src/grasptrack/live": 2_320,
@@ -24,10 +24,10 @@ BUDGETS = {
     "bench": 14_450,
     "research": 8_840,
     "native": 6_720,
-    "tests": 41_800,
+    "tests": 41_600,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
-MODULES = 222
+MODULES = 202
 CIRCLES = [["grasptrack.io.run", "grasptrack.view.summary"]]
 """Modules of the wheel that import each other still, by their types alone."""
 SAME_NAMES = 45
