@@ -38,7 +38,7 @@ announce:
 	@test -e $(VENV)/.package || echo "Sets up $(VENV) first: downloads some 150 MB of packages and compiles the kernels; a minute on two idle cores."
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n auto -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
 
 fuzz: $(VENV)/.dev
 	$(BIN)/python -W ignore tests/fuzz/run.py --seconds $(SECONDS) --seed $(SEED)

@@ -17,7 +17,7 @@ current = reference.transformed(later.H_current_reference)  # point i of one is 
 grasps = gt.synthesize(reference, fingers=2, friction=0.5)
 print(f"{len(grasps)} stable grasps, the best is {grasps[0]}")
 
-truth = later.contacts(grasps[0].contacts)
+truth = later.true_contacts(grasps[0].contacts)
 for strategy in ("rrp", "grasp-line", "homography"):
     try:
         carried = gt.transfer(grasps[0], reference, current, strategy)

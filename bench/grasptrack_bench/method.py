@@ -22,7 +22,7 @@ from grasptrack_bench.metrics.score import FrameScore, Score, Truth
 
 
 @dataclass(frozen=True)
-class Start:
+class MethodStart:
     """What a method is told before the first image.
 
     Attributes:
@@ -56,11 +56,11 @@ class Method(Protocol):
         ...
 
 
-Maker = Callable[[Start], Method]
+Maker = Callable[[MethodStart], Method]
 """Makes a fresh method for one sequence."""
 
 
-class Shown(NamedTuple):
+class MethodFrame(NamedTuple):
     """One frame as the methods see it, and what is true of it.
 
     Attributes:
@@ -75,7 +75,7 @@ class Shown(NamedTuple):
 
 
 def score_sequence(
-    frames: Iterable[Shown], methods: Mapping[str, Maker], start: Start, first: int = 0
+    frames: Iterable[MethodFrame], methods: Mapping[str, Maker], start: MethodStart, first: int = 0
 ) -> dict[str, list[FrameScore]]:
     """Show every frame to every method, and score what they say.
 

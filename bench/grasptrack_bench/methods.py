@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every method that can be measured, by name: this tracker's strategies, its peers, and what other packages register.
 
-A package adds a method of its own by the entry point `grasptrack.methods`: a `Maker`, called with a `Start`.
+A package adds a method of its own by the entry point `grasptrack.methods`: a `Maker`, called with a `TrackingStart`.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack_bench import baselines
-from grasptrack_bench.method import Maker, Method, Start
+from grasptrack_bench.method import Maker, Method, MethodStart
 
 OURS = ("auto", "rrp", "grasp-line", "homography")
 """Strategies of the tracker, in the order of tables."""
 
 
-class Tracker:
+class TrackerMethod:
     """The tracker itself, told of the contacts as `--grasp` would tell it, and of a pixel of the object as `--object`.
 
     Args:
@@ -32,7 +32,7 @@ class Tracker:
         risk: probability below which its answers may be wrong.
     """
 
-    def __init__(self, start: Start, strategy: str, risk: float = DEFAULT_RISK) -> None:
+    def __init__(self, start: MethodStart, strategy: str, risk: float = DEFAULT_RISK) -> None:
         self._refused = ""
         self._frame = -1
         self._tracker: GraspTracker | None = None
@@ -83,7 +83,7 @@ def method_makers(names: Sequence[str], risk: float = DEFAULT_RISK) -> dict[str,
 
 
 def _tracker_maker(strategy: str, risk: float) -> Maker:
-    def make_tracker(start: Start) -> Method:
-        return Tracker(start, strategy, risk)
+    def make_tracker(start: MethodStart) -> Method:
+        return TrackerMethod(start, strategy, risk)
 
     return make_tracker

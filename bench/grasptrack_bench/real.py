@@ -25,7 +25,7 @@ from grasptrack.io.sources import Frame, open_source
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
-from grasptrack_bench.method import Shown, Start, score_sequence
+from grasptrack_bench.method import MethodFrame, MethodStart, score_sequence
 from grasptrack_bench.methods import method_makers
 from grasptrack_bench.metrics.score import FrameScore, Truth
 from grasptrack_bench.records import read_homographies
@@ -323,7 +323,7 @@ def run_video(task: tuple[RealCase, tuple[str, ...]]) -> dict[str, list[FrameSco
 
 
 @contextmanager
-def sequence_of(case: RealCase) -> Iterator[tuple[Start, Iterator[Shown], int]]:
+def sequence_of(case: RealCase) -> Iterator[tuple[MethodStart, Iterator[MethodFrame], int]]:
     """What all methods are told of a video, its frames from the first that its table lists on, and the number of that.
 
     Raises:
@@ -340,10 +340,10 @@ def sequence_of(case: RealCase) -> Iterator[tuple[Start, Iterator[Shown], int]]:
         height, width = first.image.shape[:2]
         truths = case.truths((width, height))
         start = _make_start(case, first, truths)
-        yield start, (Shown(f.image, f.time, truths.of(f.index)) for f in chain([first], frames)), begin
+        yield start, (MethodFrame(f.image, f.time, truths.of(f.index)) for f in chain([first], frames)), begin
 
 
-def _make_start(case: RealCase, first: Frame, truths: Truths) -> Start:
+def _make_start(case: RealCase, first: Frame, truths: Truths) -> MethodStart:
     """What all methods are told.
 
     Raises:
@@ -353,7 +353,7 @@ def _make_start(case: RealCase, first: Frame, truths: Truths) -> Start:
     size = width, height
     pixel = None if case.known is None or case.given == "nothing" else case.known.object_at
     if truths.quad is not None and case.given == "quad":
-        return Start(side_contacts(truths.quad), (truths.quad,), size, pixel)
+        return MethodStart(side_contacts(truths.quad), (truths.quad,), size, pixel)
     chosen = GraspTracker(fingers=case.fingers, friction=case.friction, object_at=pixel).update(first.image)
     if chosen.view is None:
         raise GraspError(f'"{case.video}", first frame: {chosen.reason}')
@@ -365,4 +365,4 @@ def _make_start(case: RealCase, first: Frame, truths: Truths) -> Start:
         raise GraspError(another)
     if chosen.contacts is None:
         raise GraspError(f'"{case.video}", first frame: {chosen.reason}')
-    return Start(chosen.contacts, outline, size, pixel)
+    return MethodStart(chosen.contacts, outline, size, pixel)

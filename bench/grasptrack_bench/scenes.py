@@ -14,10 +14,10 @@ from grasptrack.images import to_bgr
 from grasptrack.io.images import images_in, images_matching, read_image
 from grasptrack.io.masks import open_masks, read_mask
 from grasptrack.tracking.numbers import DEFAULT_RISK
-from grasptrack_bench.method import Shown, Start, chosen_grasp, score_sequence
+from grasptrack_bench.method import MethodFrame, MethodStart, chosen_grasp, score_sequence
 from grasptrack_bench.methods import method_makers
 from grasptrack_bench.metrics.score import FrameScore, Truth
-from grasptrack_bench.simulation import SHAPES, Scene, Shape, Texture, part_of_photo, shape_from_mask
+from grasptrack_bench.simulation import SHAPES, Scene, Shape, TextureMap, part_of_photo, shape_from_mask
 from grasptrack_bench.simulation.disturbances import DISTURBANCES, is_applicable
 
 
@@ -31,7 +31,7 @@ class Part:
     """
 
     shape: Shape
-    surface: Texture | None = None
+    surface: TextureMap | None = None
 
 
 @dataclass(frozen=True)
@@ -109,15 +109,15 @@ def run_case(task: tuple[SceneCase, tuple[str, ...]]) -> dict[str, list[FrameSco
     return score_sequence(shown, method_makers(methods, case.risk), start)
 
 
-def show_scene(scene: Scene, fingers: int = 2, friction: float = 0.5) -> tuple[Start, Iterator[Shown]]:
+def show_scene(scene: Scene, fingers: int = 2, friction: float = 0.5) -> tuple[MethodStart, Iterator[MethodFrame]]:
     """What all methods are told of a scene, and its frames with their truth.
 
     Raises:
         GraspError: there is no grasp to follow on this part.
     """
     outline = scene[0].outline
-    start = Start(chosen_grasp(outline, fingers, friction), outline, (scene.camera.width, scene.camera.height))
-    return start, (Shown(frame.image, frame.time, Truth.of_scene(frame)) for frame in scene)
+    start = MethodStart(chosen_grasp(outline, fingers, friction), outline, (scene.camera.width, scene.camera.height))
+    return start, (MethodFrame(frame.image, frame.time, Truth.of_scene(frame)) for frame in scene)
 
 
 def built_in(names: Sequence[str] = ()) -> list[Part]:

@@ -40,7 +40,7 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class TaskOutcome:
     """What became of one task.
 
     Attributes:
@@ -57,7 +57,7 @@ class Outcome:
 class Scheduler(Protocol):
     """Calls a function once for each task, anywhere, in any order."""
 
-    def __call__(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[Outcome]:
+    def __call__(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[TaskOutcome]:
         """Outcomes as they come. A task that raises is an outcome with an error; the others go on.
 
         Args:
@@ -132,7 +132,7 @@ def code_fingerprint() -> str:
 
 def _run_tasks(
     opened: Callable[[int], AbstractContextManager[_Workers]], function: Callable[[Any], Any], tasks: Sequence[Any]
-) -> Iterator[Outcome]:
+) -> Iterator[TaskOutcome]:
     """The one path: all tasks are handed in, and told of as they are done."""
     done: SimpleQueue[int] = SimpleQueue()
     with opened(len(tasks)) as workers:
@@ -150,7 +150,7 @@ def _run_tasks(
                     "the connection to the Dask scheduler was lost; what was computed is kept, and the same command "
                     "goes on with it"
                 ) from None
-            yield Outcome(i, value, "" if problem is None else workers.explain(problem))
+            yield TaskOutcome(i, value, "" if problem is None else workers.explain(problem))
 
 
 @contextmanager

@@ -101,6 +101,20 @@ template <typename Bound, typename Class, typename Values, typename... Shape> au
     };
 }
 
+// Pixels of an image.
+pose::Frame frame_of(double width, double height, double aspect) {
+    if (!(aspect > 0) || !std::isfinite(aspect)) throw std::invalid_argument("the pixels' aspect is above 0");
+    return {width, height, aspect};
+}
+
+// Variances of a pose's error.
+pose::Vector<8> variances_of(const Doubles &given) {
+    const auto out = fixed<8>(given, "lag");
+    for (double value : out)
+        if (!(value >= 0)) throw std::invalid_argument("the variances of a lag are 0 or more");
+    return out;
+}
+
 // What Python calls PoseTarget: the target, and the numbers that it is looked at with.
 struct PoseTarget {
     pose::Target target;
@@ -179,19 +193,47 @@ struct PoseTarget {
 
     PoseEstimate solve(const std::vector<Bytes> &levels, const Doubles &G, const Doubles &P, const Doubles &last, const Doubles &bend,
                        double readout, double readout_variance, const Doubles &nuisance, const Doubles &nuisance_covariance, double sides,
-                       double inner_spread, double gain, double bias, double reach, double edge_width, double blur_share) const {
+                       double inner_spread, double gain, double bias, double reach, double edge_width, double blur_share,
+                       const Doubles &lag, double aspect) const {
         const pose::Pyramid pyramid = seen(levels);
         const pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"), bend_of(bend), readout,
                                 fixed<4>(nuisance, "nuisance"), fixed<16>(nuisance_covariance, "nuisance_covariance"), sides, inner_spread,
-                                reach, edge_width, blur_share, {gain, bias}, static_cast<double>(pyramid[0].width),
-                                static_cast<double>(pyramid[0].height)};
+                                reach, edge_width, blur_share, {gain, bias}, frame_of(static_cast<double>(pyramid[0].width), static_cast<double>(pyramid[0].height), aspect),
+                                variances_of(lag)};
         nb::gil_scoped_release free;
-        PoseEstimate out{pose::Solver(target, pyramid, start, numbers).solve()};
+        PoseEstimate out;
+        static_cast<pose::Solution &>(out) = pose::Solver(target, pyramid, start, numbers).solve();
         for (std::size_t i = 0; i < 8; ++i)
             for (std::size_t j = 0; j < 8; ++j) out.P[i * 8 + j] += out.by_readout[i] * (out.by_readout[j] * readout_variance);
         out.bend = start.bend;
         out.contacts = pose::placed_contacts(target, out.G, out.P);
         return out;
+    }
+
+    // Two estimates of which the second is right with a probability, as one: their mixture's covariance about the first.
+    PoseEstimate unsure(const PoseEstimate &estimate, const PoseEstimate &other, double probability) const {
+        pose::Vector<8> d;
+        if (!target.difference(estimate.G, other.G, d)) throw std::invalid_argument("the other pose is none");
+        PoseEstimate out = estimate;
+        for (std::size_t i = 0; i < 8; ++i)
+            for (std::size_t j = 0; j < 8; ++j) {
+                const std::size_t k = i * 8 + j;
+                out.P[k] += probability * (other.P[k] - estimate.P[k] + d[i] * d[j]);
+            }
+        out.contacts = pose::placed_contacts(target, out.G, out.P);
+        return out;
+    }
+
+    // How much patches would have changed since the last image, seen through `last`, and how far those moved that did not.
+    nb::object repeats(const std::vector<Bytes> &before, const Doubles &last, const std::vector<Bytes> &levels, const Doubles &G) const {
+        const pose::Pyramid old = seen(before), now = seen(levels);
+        const bool alike = std::equal(old.begin(), old.end(), now.begin(), now.end(), [](const pose::Level &a, const pose::Level &b) {
+            return a.height == b.height && a.width == b.width;
+        });
+        if (!alike) throw std::invalid_argument("both pyramids need the same size");
+        const pose::Repeats found = pose::count_repeats(target, old, fixed<9>(last, "last"), now, fixed<9>(G, "G"));
+        static const Record record("RepeatedPatches");
+        return record(found.change, found.way);
     }
 
     // The last image's look at `centres` through `last`, laid on the next image from a start.
@@ -237,8 +279,8 @@ struct PoseTarget {
         return record(out.distance, copied(out.G.data(), 3, 3), copied(out.P.data(), 8, 8));
     }
 
-    nb::object pinhole(const Doubles &G, const Doubles &theta, double width, double height) const {
-        const auto rows = pose::pinhole_rows(target, fixed<9>(G, "G"), fixed<3>(theta, "theta"), width, height);
+    nb::object pinhole(const Doubles &G, const Doubles &theta, double width, double height, double aspect) const {
+        const auto rows = pose::pinhole_rows(target, fixed<9>(G, "G"), fixed<3>(theta, "theta"), frame_of(width, height, aspect));
         static const Record record("PinholeMisfit");
         return record(copied(rows.misfit.data(), 2), copied(rows.by_pose[0].data(), 2, 8),
                       copied(rows.by_camera[0].data(), 2, 3));
@@ -316,13 +358,15 @@ void bind_registration(nb::module_ &m) {
         .def("hide", &PoseTarget::hide, "levels"_a)
         .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
         .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "bend"_a, "readout"_a, "readout_variance"_a, "nuisance"_a, "nuisance_covariance"_a,
-             "sides"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a, "edge_width"_a, "blur_share"_a)
+             "sides"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a, "edge_width"_a, "blur_share"_a, "lag"_a, "aspect"_a)
+        .def("unsure", &PoseTarget::unsure, "estimate"_a, "other"_a, "probability"_a)
+        .def("repeats", &PoseTarget::repeats, "before"_a, "last"_a, "levels"_a, "G"_a)
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
         .def("difference", &PoseTarget::difference, "first"_a, "second"_a)
         .def("placed", &PoseTarget::placed, "G"_a, "P"_a)
         .def("joined", &PoseTarget::joined, "G"_a, "P"_a, "other"_a, "Q"_a)
-        .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a);
+        .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a, "aspect"_a);
     using Solved = pose::Solution;
     nb::class_<PoseEstimate>(m, "PoseEstimate")
         .def_ro("valid", &Solved::valid)

@@ -27,13 +27,19 @@ inline Direction unit(const Direction &a) {
     return {a[0] * s, a[1] * s, a[2] * s};
 }
 
+// px of an image, and how wide one is for each unit of its height.
+struct Frame {
+    double width, height, aspect;
+};
+
 // theta = (log of the focal length in image widths, and the first view's normal (theta_1, theta_2, 1)).
 class Pinhole {
   public:
-    Pinhole(const Target &target, const Vector<3> &theta, double width, double height) {
-        f_ = width * std::exp(theta[0]);
-        K_ = {f_, 0, width / 2, 0, f_, height / 2, 0, 0, 1};
-        back_ = {1 / f_, 0, -width / (2 * f_), 0, 1 / f_, -height / (2 * f_), 0, 0, 1};
+    Pinhole(const Target &target, const Vector<3> &theta, const Frame &frame) {
+        f_ = frame.width * std::exp(theta[0]);
+        const double down = f_ * frame.aspect;
+        K_ = {f_, 0, frame.width / 2, 0, down, frame.height / 2, 0, 0, 1};
+        back_ = {1 / f_, 0, -frame.width / (2 * f_), 0, 1 / down, -frame.height / (2 * down), 0, 0, 1};
         const Direction n = unit({theta[1], theta[2], 1.0});
         const Direction first = unit({n[2], 0, -n[0]}), second = cross(n, first);
         const double cx = target.cx, cy = target.cy;
@@ -103,10 +109,9 @@ struct PinholeRows {
     std::array<Vector<3>, 2> by_camera{};
 };
 
-inline PinholeRows pinhole_rows(const Target &target, const Homography &G, const Vector<3> &theta, double width,
-                                double height) {
+inline PinholeRows pinhole_rows(const Target &target, const Homography &G, const Vector<3> &theta, const Frame &frame) {
     PinholeRows rows;
-    const Pinhole camera(target, theta, width, height);
+    const Pinhole camera(target, theta, frame);
     if (!camera.valid()) return rows;
     rows.misfit = camera.misfit(G);
     constexpr double pose_step = 0.1, camera_step = 1e-3;
@@ -119,7 +124,7 @@ inline PinholeRows pinhole_rows(const Target &target, const Homography &G, const
     for (std::size_t i = 0; i < 3; ++i) {
         Vector<3> other = theta;
         other[i] += camera_step;
-        const auto there = Pinhole(target, other, width, height).misfit(G);
+        const auto there = Pinhole(target, other, frame).misfit(G);
         for (std::size_t k = 0; k < 2; ++k) rows.by_camera[k][i] = (there[k] - rows.misfit[k]) / camera_step;
     }
     rows.valid = std::isfinite(rows.misfit[0]) && std::isfinite(rows.misfit[1]);

@@ -180,6 +180,11 @@ class Solver {
         return {numbers_.texture_floor, numbers_.texture_independent, numbers_.texture_freedom};
     }
 
+    // Whether the texture tells anything of the pose.
+    bool is_witness() const {
+        return std::all_of(start_.lag.begin(), start_.lag.end(), [](double v) { return std::isfinite(v); });
+    }
+
     // All patches of the levels from `first` to `end`.
     std::vector<PatchRow> match_all(std::size_t first, std::size_t end, const Homography &G) const {
         std::vector<PatchRow> rows;
@@ -194,6 +199,7 @@ class Solver {
 
     // Coarse to fine on the texture, before edges are looked at: their candidates are many, its valley is wide.
     bool texture_alone(Homography &G) const {
+        if (!is_witness()) return true;
         double far = 0;  // work px within which the pose is known
         for (const Point &p : target_.contacts) {
             const auto J = target_.jacobian(p.x, p.y);
@@ -232,7 +238,9 @@ class Solver {
         out.texture_used = fit.used;
         out.texture_agreeing = fit.agreeing;
         out.texture_spread = fit.spread;
-        return tells(fit, patches_.size()) ? fit : none;
+        if (!is_witness() || !tells(fit, patches_.size())) return none;
+        share_error(fit, start_.lag);
+        return fit;
     }
 
     int reach_of(const Matrix<8> &P, double times_sd, double more) const {
@@ -397,7 +405,7 @@ class Solver {
     }
 
     std::vector<double> lower_face(const Homography &G) const {
-        const Pinhole camera(target_, {start_.nuisance[1], start_.nuisance[2], start_.nuisance[3]}, start_.width, start_.height);
+        const Pinhole camera(target_, {start_.nuisance[1], start_.nuisance[2], start_.nuisance[3]}, start_.frame);
         std::vector<double> now = camera.lower_face(target_, G);
         const std::vector<double> &first = first_sides(camera);
         for (std::size_t i = 0; i < now.size(); ++i) now[i] -= first[i];  // sides that the first view showed count the other way

@@ -112,7 +112,8 @@ struct Start {
     double edge_width;         // work px, standard deviation of an edge at rest
     double blur_share;         // of what moved across an edge since the last image: half of its blur
     Light light;               // of the surface, where it was located last
-    double width, height;      // px of the image
+    Frame frame;               // of the image
+    Vector<8> lag;             // variances of the pose's error that all patches share; infinite: the texture is only looked at
 };
 
 // Normal equations of the pose's error and of what else is not known, the latter as it is, not its error.
@@ -162,7 +163,7 @@ inline bool system_about(const Target &target, const Start &start, const Numbers
     // what a readout makes of the pose, no camera that sees all rows at once would show
     Vector<8> all_at_once = start.bend[0];
     for (double &value : all_at_once) value *= start.readout;
-    const PinholeRows pin = pinhole_rows(target, target.moved(G, all_at_once), {nuisance[1], nuisance[2], nuisance[3]}, start.width, start.height);
+    const PinholeRows pin = pinhole_rows(target, target.moved(G, all_at_once), {nuisance[1], nuisance[2], nuisance[3]}, start.frame);
     if (!pin.valid) return true;
     // both rows by all unknowns, with the misfit where the nuisances are 0, and where they are as they were believed
     std::array<Vector<unknowns>, 2> J{};

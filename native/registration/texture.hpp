@@ -176,24 +176,38 @@ struct TextureNumbers {
     double freedom;     // of the t distribution of their errors
 };
 
+// Where the pixels of a patch are on an image seen through G.
+struct Lattice {
+    const Level *level;
+    double x[patch_pixels], y[patch_pixels];
+
+    // False where it is not whole in view.
+    bool lay(const Pyramid &pyramid, const Homography &G, Point place, double stride) {
+        const Seen seen = look_through(pyramid, G, place.x, place.y, stride);
+        const Point c = carried(seen.H, place.x, place.y);
+        const auto d = derivatives(seen.H, place.x, place.y);
+        constexpr int half = patch_side / 2;
+        const double ux = d[0] * stride, uy = d[2] * stride, vx = d[1] * stride, vy = d[3] * stride;
+        level = seen.level;
+        if (!holds_square(*level, c, half * ux, half * uy, half * vx, half * vy)) return false;
+        for (int j = -half, k = 0; j <= half; ++j)
+            for (int i = -half; i <= half; ++i, ++k) {
+                x[k] = c.x + i * ux + j * vx;
+                y[k] = c.y + i * uy + j * vy;
+            }
+        return true;
+    }
+};
+
 // One patch on an image seen through G, about the place where its middle is expected.
 GRASPTRACK_WIDE inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, Point place, double stride,
                               double camera, double floor) {
     PatchMatch out;
     const double noise = noise_of(camera, stride);
-    const Seen seen = look_through(pyramid, G, place.x, place.y, stride);
-    const Point c = carried(seen.H, place.x, place.y);
-    const auto d = derivatives(seen.H, place.x, place.y);
-    constexpr int half = patch_side / 2;
-    const double ux = d[0] * stride, uy = d[2] * stride, vx = d[1] * stride, vy = d[3] * stride;
-    if (!holds_square(*seen.level, c, half * ux, half * uy, half * vx, half * vy)) return out;
-    double value[patch_pixels], x[patch_pixels], y[patch_pixels];
-    for (int j = -half, k = 0; j <= half; ++j)
-        for (int i = -half; i <= half; ++i, ++k) {
-            x[k] = c.x + i * ux + j * vx;
-            y[k] = c.y + i * uy + j * vy;
-        }
-    seen.level->at(x, y, patch_pixels, value);
+    Lattice lattice;
+    if (!lattice.lay(pyramid, G, place, stride)) return out;
+    double value[patch_pixels];
+    lattice.level->at(lattice.x, lattice.y, patch_pixels, value);
     // Each sum in parts that do not wait for each other.
     constexpr int parts = 4, even = patch_pixels / parts * parts;
     double sum[parts] = {};
@@ -259,6 +273,24 @@ inline bool tells(const TextureFit &fit, std::size_t count) {
     constexpr double least = 4, chance = 0.12;
     const auto n = static_cast<double>(count);
     return fit.used >= 4 && fit.agreeing * n >= least + chance * n;
+}
+
+// The same where all patches share an error of the pose with these variances: N becomes (N^-1 + L)^-1.
+inline void share_error(TextureFit &fit, const Vector<8> &variances) {
+    if (std::all_of(variances.begin(), variances.end(), [](double v) { return v == 0; })) return;
+    Matrix<8> inner, inverse, left;  // 1 + D N D and N D, D being the standard deviations
+    for (std::size_t i = 0; i < 8; ++i)
+        for (std::size_t j = 0; j < 8; ++j) {
+            left[i * 8 + j] = fit.information[i * 8 + j] * std::sqrt(variances[j]);
+            inner[i * 8 + j] = (i == j ? 1.0 : 0.0) + std::sqrt(variances[i]) * left[i * 8 + j];
+        }
+    if (!invert<8>(inner, inverse)) return;
+    const Matrix<8> gain = times<8>(left, inverse), taken = times<8>(gain, transposed<8>(left));
+    Vector<8> pulled;
+    for (std::size_t i = 0; i < 8; ++i) pulled[i] = std::sqrt(variances[i]) * fit.gradient[i];
+    const Vector<8> less = times<8>(gain, pulled);
+    for (std::size_t k = 0; k < 64; ++k) fit.information[k] -= taken[k];
+    for (std::size_t k = 0; k < 8; ++k) fit.gradient[k] -= less[k];
 }
 
 // A patch with what it says.
@@ -335,6 +367,44 @@ GRASPTRACK_WIDE inline TextureFit fit_patches(const std::vector<PatchRow> &patch
         fit.spread = std::sqrt(scale);
     }
     return fit;
+}
+
+// Repeated blocks: what a video's encoder left as it was is no new look at the object.
+
+struct Repeats {
+    double change = 0;  // grey levels^2, by which the motion would have changed patches, each on average: what they tell of it
+    double way = 0;     // the same of those that are as they were, times the squares of how far they ought to have moved, work px^2
+};
+
+// Which patches of the finest levels an image shows where the last one has them, to the grey level, though the pose moved on.
+inline Repeats count_repeats(const Target &target, const Pyramid &before, const Homography &last, const Pyramid &now, const Homography &G) {
+    constexpr double rounding = 2.0 / 12;  // variance of the difference of two whole numbers: two exposures differ by more
+    constexpr double plain = 6;            // times as much is no rounding
+    Repeats out;
+    Lattice here, there;
+    double value[patch_pixels], same[patch_pixels], moved[patch_pixels];
+    const auto mean_square = [](const double *a, const double *b) {
+        double sum = 0;
+        for (int k = 0; k < patch_pixels; ++k) sum += (a[k] - b[k]) * (a[k] - b[k]);
+        return sum / patch_pixels;
+    };
+    for (std::size_t k = 0; k < std::min(fine_levels, target.texture.size()); ++k) {
+        const double stride = target.texture[k].stride;
+        for (const Patch &patch : target.texture[k].patches) {
+            if (!here.lay(now, G, {patch.x, patch.y}, stride) || !there.lay(before, last, {patch.x, patch.y}, stride)) continue;
+            before[static_cast<std::size_t>(here.level - now.data())].at(here.x, here.y, patch_pixels, same);
+            there.level->at(there.x, there.y, patch_pixels, moved);
+            const double change = mean_square(moved, same);
+            if (!(change > plain * rounding)) continue;  // it would look alike
+            here.level->at(here.x, here.y, patch_pixels, value);
+            out.change += change;
+            if (!(mean_square(value, same) < rounding)) continue;
+            const Point to = carried(G, patch.x, patch.y), from = carried(last, patch.x, patch.y);
+            const auto d = derivatives(G, patch.x, patch.y);
+            out.way += change * ((to.x - from.x) * (to.x - from.x) + (to.y - from.y) * (to.y - from.y)) / std::abs(d[0] * d[3] - d[1] * d[2]);
+        }
+    }
+    return out;
 }
 
 // The last look laid on the next image.

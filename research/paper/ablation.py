@@ -14,8 +14,8 @@ from grasptrack.transfer import TransferStrategy, strategy_named
 from grasptrack_bench.baselines.literal import LiteralGraspLine, LiteralHomography, LiteralRRP
 from grasptrack_bench.metrics.errors import ErrorMeasure, error_measure
 from grasptrack_bench.report.table import Table
-from research.paper.footage import MOTIONS, Footage, Kind, Motion, Part, ideal_footage
-from research.paper.runs import SUMMARY, SUMMARY_NOTES, Run, run_of, summarize
+from research.paper.footage import MOTIONS, FilmedPart, Footage, Kind, Motion, ideal_footage
+from research.paper.runs import SUMMARY, SUMMARY_NOTES, StrategyRun, run_of, summarize
 from research.paper.transfers import Answer, Refused, Way, transferred_contacts
 
 SWITCHES = {
@@ -59,7 +59,7 @@ REFINEMENT = "refinement of Fig. 11"
 """What is varied in the runs that say how often it brings a contact nearer."""
 
 
-def ablation_runs(part: Part, seed: int, frames: int) -> Iterator[Run]:
+def ablation_runs(part: FilmedPart, seed: int, frames: int) -> Iterator[StrategyRun]:
     """Every variant along the paths of `ON`, as pairs of views and with the last frame as prior."""
     for kind, motion in ON:
         footage = ideal_footage(part, kind, motion, frames, seed)
@@ -88,7 +88,7 @@ def measured(footage: Footage, strategy: str, answers: Sequence[Answer]) -> list
     ]
 
 
-def refinement_run(footage: Footage, name: str, seed: int) -> Run:
+def refinement_run(footage: Footage, name: str, seed: int) -> StrategyRun:
     """How often the refinement brings a contact nearer to its true place.
 
     Returns:
@@ -114,7 +114,7 @@ def refinement_run(footage: Footage, name: str, seed: int) -> Run:
     return replace(run_of((), *setting), asked=len(gains), answered=better, mean_px=mean, worst_px=most)
 
 
-def ablation_tables(runs: Sequence[Run]) -> list[Table]:
+def ablation_tables(runs: Sequence[StrategyRun]) -> list[Table]:
     """Table A: every variant by path and way; Table R: how often the refinement helps."""
     rows = []
     mine = [r for r in runs if r.experiment == "ablation"]

@@ -16,8 +16,8 @@ from grasptrack.typing import Bools, Floats
 from grasptrack_bench.baselines.extraction import Seen
 from research.paper.footage import (
     POINTS,
+    FilmedPart,
     Footage,
-    Part,
     camera_trajectory,
     moved_curves,
     path_homographies,
@@ -31,7 +31,7 @@ BESIDE = 2
 """Frames before and after one with such a share that are counted with it."""
 
 
-def clipped_footage(part: Part, seed: int) -> Footage | None:
+def clipped_footage(part: FilmedPart, seed: int) -> Footage | None:
     """An object of which a border hides one per cent more of the outline from frame to frame, while the camera moves.
 
     Only the outer contour is looked at, because the homography needs no other.

@@ -20,7 +20,7 @@ from grasptrack_bench.simulation.paths import at_rest
 from research.paper.footage import (
     MOTIONS,
     TRACKED,
-    Part,
+    FilmedPart,
     camera_trajectory,
     in_four_dof,
     moved_curves,
@@ -49,7 +49,7 @@ SIDE = 130.0
 """px, root of the area of the objects in them."""
 
 
-def table_of_contexts(courses: Sequence[Course], part: Part, seed: int, after: Callable[[], None]) -> Table:
+def table_of_contexts(courses: Sequence[Course], part: FilmedPart, seed: int, after: Callable[[], None]) -> Table:
     """Requirements of the strategies and what happens without them.
 
     Args:
@@ -97,13 +97,13 @@ def table_of_contexts(courses: Sequence[Course], part: Part, seed: int, after: C
     )
 
 
-def crossed_scene(part: Part, seed: int) -> Scene:
+def crossed_scene(part: FilmedPart, seed: int) -> Scene:
     """A bar crosses the object."""
     path = camera_trajectory("4 DoF", FRAMES_ON_IMAGES, seed)
     return Scene(part.shape, path, covers=(Bar(1, FRAMES_ON_IMAGES, width=0.05),), seed=seed)
 
 
-def cut_scene(part: Part, seed: int) -> Scene:
+def cut_scene(part: FilmedPart, seed: int) -> Scene:
     """The object leaves the image sideways."""
     path = camera_trajectory("4 DoF", FRAMES_ON_IMAGES, seed)
     leaving = np.column_stack([np.linspace(0.0, 2.4, FRAMES_ON_IMAGES), np.zeros(FRAMES_ON_IMAGES)])
@@ -134,7 +134,7 @@ def _course_cell(courses: Sequence[Course]) -> str:
     return said
 
 
-def _another_start(part: Part) -> list[str]:
+def _another_start(part: FilmedPart) -> list[str]:
     """Every strategy, RRP too, given the same outline from another first point."""
     starts = np.array([len(c) / 10.0 + 0.25 for c in part.reference.contours])
     shifted = sample_view(moved_curves(part, MOVED), starts)

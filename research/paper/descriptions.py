@@ -13,7 +13,7 @@ from grasptrack.transfer import grasp_line, rrp
 from grasptrack.typing import Floats
 from grasptrack_bench.report.table import Cell, Table
 from research.paper import printed
-from research.paper.footage import Footage, Part
+from research.paper.footage import FilmedPart, Footage
 from research.paper.transfers import Refused, strategy_called
 
 Row = tuple[Cell, ...]
@@ -35,7 +35,7 @@ _BOTH = "Relative holds for both contacts and stands in the first one's row."
 _PAIR = f"{_BOTH} Off by: from the true place."
 
 
-def table_one(parts: Sequence[Part]) -> Table:
+def table_one(parts: Sequence[FilmedPart]) -> Table:
     """Table I: the same grasps in both descriptions, on contours of 300 points."""
     rows: list[Row] = []
     for name, both, values in printed.TABLE_I:

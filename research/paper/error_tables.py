@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from grasptrack_bench.metrics.errors import ErrorMeasure
 from grasptrack_bench.report.table import Cell, Table
 from research.paper import printed
-from research.paper.footage import KINDS, TILT, Footage, Part
+from research.paper.footage import KINDS, TILT, FilmedPart, Footage
 from research.paper.transfers import WAYS, Course, Return, Way
 
 Row = tuple[Cell, ...]
@@ -199,7 +199,7 @@ def _printed_row(grasp: str, error: str, values: Sequence[float], opening: float
     return "paper", grasp, error, "printed", *values, *[None] * 3, *percent
 
 
-def _parts(courses: Sequence[Course]) -> list[Part]:
+def _parts(courses: Sequence[Course]) -> list[FilmedPart]:
     """The objects."""
     return list({c.footage.part.name: c.footage.part for c in courses}.values())
 

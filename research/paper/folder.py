@@ -18,7 +18,7 @@ from grasptrack.view.drawing import png_bytes
 from grasptrack_bench.report.table import Cell, to_csv, to_json, to_markdown, to_text
 from research.paper.page import paper_report
 from research.paper.run import PaperRun
-from research.paper.runs import Run
+from research.paper.runs import StrategyRun
 from research.paper.transfers import Answer
 
 LEAD = (
@@ -74,7 +74,7 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
             to_csv(table, folder / f"{table.number}.csv")
         _write_rows(folder / "frames.csv", FRAME_HEAD, _frame_rows(run))
         _write_rows(folder / "returns.csv", RETURN_HEAD, _return_rows(run))
-        _write_rows(folder / "runs.csv", [f.name for f in fields(Run)], map(astuple, run.runs))
+        _write_rows(folder / "runs.csv", [f.name for f in fields(StrategyRun)], map(astuple, run.runs))
         shown = (*run.tables, run.times, run.time_claims)
         (folder / "tables.txt").write_text("\n".join(map(to_text, shown)), encoding="utf-8")
         (folder / "tables.md").write_text("\n".join(map(to_markdown, shown)), encoding="utf-8")

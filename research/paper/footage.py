@@ -23,8 +23,8 @@ from grasptrack.tracking.initialization import count_describing_strategies
 from grasptrack.tracking.strategies import Snakes
 from grasptrack.typing import Floats
 from grasptrack_bench.baselines.extraction import ExtractedOutlines, Seen, begin_near
-from grasptrack_bench.simulation import SHAPES, Camera, Path, Scene, Shape, similarity_path, tilting_path
-from grasptrack_bench.simulation.render import inside_mask
+from grasptrack_bench.simulation import SHAPES, Path, Pinhole, Scene, Shape, similarity_path, tilting_path
+from grasptrack_bench.simulation.coverage import inside_mask
 
 Motion = Literal["4 DoF", "6 DoF", "approach"]
 MOTIONS: tuple[Motion, ...] = ("4 DoF", "6 DoF", "approach")
@@ -48,7 +48,7 @@ APPROACH = 2.5
 
 
 @dataclass(frozen=True)
-class Part:
+class FilmedPart:
     """One object in the first view of a trajectory.
 
     Attributes:
@@ -93,7 +93,7 @@ def camera_trajectory(motion: Motion, frames: int, seed: int) -> Path:
 
 def path_homographies(path: Path) -> Floats:
     """(F, 3, 3) H_current_reference of each frame, the reference being the first."""
-    to_image = path.table_to_image(Camera())
+    to_image = path.table_to_image(Pinhole())
     moved = to_image @ np.linalg.inv(to_image[0])
     return np.asarray(moved / moved[:, 2:, 2:], dtype=np.float64)
 
@@ -129,19 +129,19 @@ def _begun_at(polygon: Floats, along: float) -> Floats:
     return np.concatenate([first[None], np.roll(polygon, -(side + 1), axis=0)])
 
 
-def make_part(name: str, seed: int) -> Part:
+def make_part(name: str, seed: int) -> FilmedPart:
     """An object and its grasp in the first view of the trajectories.
 
     Raises:
         ObservationError: no stable grasp that all strategies can describe.
     """
     shape = SHAPES[name]()
-    to_image = camera_trajectory("4 DoF", 1, seed).table_to_image(Camera())[0]
+    to_image = camera_trajectory("4 DoF", 1, seed).table_to_image(Pinhole())[0]
     curves = tuple(np.ascontiguousarray(apply_homography(to_image, p)) for p in shape.polygons)
     reference = sample_view(curves)
     for grasp in synthesize(reference, top=10):
         if count_describing_strategies(grasp, reference) == 2:
-            return Part(name, shape, curves, reference, grasp.contacts)
+            return FilmedPart(name, shape, curves, reference, grasp.contacts)
     raise ObservationError(f"no grasp on the {name} that every strategy can describe")
 
 
@@ -178,7 +178,7 @@ class Footage:
         on_silhouette, on_tracked: (2, 2) px, the grasp on the outline of the first frame; its truth is moved by H.
     """
 
-    part: Part
+    part: FilmedPart
     kind: Kind
     motion: Motion
     H: Floats
@@ -206,7 +206,7 @@ class Footage:
         return apply_homography(self.H[frame], self.contacts(strategy))
 
 
-def ideal_footage(part: Part, kind: Kind, motion: Motion, frames: int, seed: int) -> Footage:
+def ideal_footage(part: FilmedPart, kind: Kind, motion: Motion, frames: int, seed: int) -> Footage:
     """Contours of a kind other than "rendered"; `seed` is of the trajectory and the starts of the contours."""
     H = path_homographies(camera_trajectory(motion, frames, seed))
     exact = [part.reference.transformed(h) for h in H]
@@ -229,7 +229,7 @@ def ideal_footage(part: Part, kind: Kind, motion: Motion, frames: int, seed: int
     return Footage(part, kind, motion, H, areas, tuple(silhouettes), tuple(tracked), *contacts)
 
 
-def moved_curves(part: Part, H: Floats) -> tuple[Floats, ...]:
+def moved_curves(part: FilmedPart, H: Floats) -> tuple[Floats, ...]:
     """(N, 2) px each, the exact polygons of an object in the view to which H (3, 3) leads from the first."""
     return tuple(apply_homography(H, curve) for curve in part.curves)
 
@@ -246,7 +246,7 @@ def resample_view(polygons: tuple[Floats, ...], rng: np.random.Generator) -> Vie
 def in_four_dof(reference: View, H: Floats) -> list[View]:
     """The reference moved to each frame by the similarity that comes nearest to its homography (F, 3, 3)."""
     space = ShapeSpace(reference.points)
-    return [reference.transformed(space.homography(space.state(h))) for h in H]
+    return [reference.transformed(space.homography(space.state_near(h))) for h in H]
 
 
 def pixel_chain_view(polygons: tuple[Floats, ...], begun: Floats | None = None) -> View:
@@ -285,7 +285,7 @@ def nearest_points(contacts: Floats, view: View) -> Floats:
 
 
 def rendered_footage(
-    part: Part, motion: Motion, frames: int, seed: int, after: Callable[[], None] = lambda: None
+    part: FilmedPart, motion: Motion, frames: int, seed: int, after: Callable[[], None] = lambda: None
 ) -> tuple[Footage, list[Grey]]:
     """A trajectory as images, and what was observed in them.
 
@@ -305,7 +305,7 @@ def rendered_footage(
 
 
 def observe_scene(
-    part: Part, motion: Motion, scene: Scene, after: Callable[[], None] = lambda: None
+    part: FilmedPart, motion: Motion, scene: Scene, after: Callable[[], None] = lambda: None
 ) -> tuple[Footage, list[Grey]]:
     """As `rendered_footage`, of any scene of the object that begins as the trajectories do."""
     frames = len(scene)

@@ -18,9 +18,9 @@ from research.paper.footage import (
     DISTANCE,
     MOTIONS,
     TRACKED,
+    FilmedPart,
     Footage,
     Kind,
-    Part,
     ideal_footage,
     in_four_dof,
     make_part,
@@ -28,7 +28,7 @@ from research.paper.footage import (
     path_homographies,
     resample_view,
 )
-from research.paper.runs import SUMMARY, SUMMARY_NOTES, Run, run_of, summarize
+from research.paper.runs import SUMMARY, SUMMARY_NOTES, StrategyRun, run_of, summarize
 from research.paper.sensitivity import sensitivity_runs
 from research.paper.transfers import COMPARED, WAYS, transfer_and_measure, ways_of
 
@@ -55,7 +55,7 @@ class Task:
     frames: int
 
 
-def population_runs(task: Task) -> list[Run] | str:
+def population_runs(task: Task) -> list[StrategyRun] | str:
     """All runs of one shape and seed, or why the shape has none."""
     try:
         part = make_part(task.shape, task.seed)
@@ -68,7 +68,7 @@ def population_runs(task: Task) -> list[Run] | str:
     return runs
 
 
-def path_runs(part: Part, task: Task) -> Iterator[Run]:
+def path_runs(part: FilmedPart, task: Task) -> Iterator[StrategyRun]:
     """Every strategy along every path on every kind of contours, in every way."""
     for motion in MOTIONS:
         for kind in EXTRACTED:
@@ -79,7 +79,7 @@ def path_runs(part: Part, task: Task) -> Iterator[Run]:
                     yield run_of(errors, "paths", part.name, task.seed, motion, kind, strategy, way)
 
 
-def tilt_footage(part: Part, seed: int) -> Footage:
+def tilt_footage(part: FilmedPart, seed: int) -> Footage:
     """Contours sampled anew while the camera leans by one degree more from frame to frame, and turns a little."""
     rng = np.random.default_rng((seed, 41))
     frames = TILTS[-1] + 1
@@ -99,7 +99,7 @@ def tilt_footage(part: Part, seed: int) -> Footage:
     return Footage(part, "resampled", "6 DoF", H, areas, tuple(views), tuple(tracked), part.contacts, part.contacts)
 
 
-def tilt_runs(part: Part, seed: int) -> Iterator[Run]:
+def tilt_runs(part: FilmedPart, seed: int) -> Iterator[StrategyRun]:
     """Errors at each tilt."""
     footage = tilt_footage(part, seed)
     for strategy in COMPARED:
@@ -111,7 +111,7 @@ def tilt_runs(part: Part, seed: int) -> Iterator[Run]:
                 yield run_of(near, *setting, "tilt, degrees", float(degrees))
 
 
-def clipped_runs(part: Part, seed: int) -> Iterator[Run]:
+def clipped_runs(part: FilmedPart, seed: int) -> Iterator[StrategyRun]:
     """Errors at each share of the outline that a border hides; of RRP nothing, whose outline would be the tracker's."""
     footage = clipped_footage(part, seed)
     if footage is None:
@@ -125,7 +125,7 @@ def clipped_runs(part: Part, seed: int) -> Iterator[Run]:
                 yield run_of(near, *setting, "hidden, %", float(percent))
 
 
-def population_tables(runs: Sequence[Run], left_out: dict[str, str]) -> list[Table]:
+def population_tables(runs: Sequence[StrategyRun], left_out: dict[str, str]) -> list[Table]:
     """Tables P (paths), T (tilt) and K (clipped).
 
     Args:
@@ -174,10 +174,10 @@ def population_tables(runs: Sequence[Run], left_out: dict[str, str]) -> list[Tab
     ]
 
 
-def _table(number: str, title: str, runs: Sequence[Run], by: tuple[str, ...], notes: tuple[str, ...]) -> Table:
+def _table(number: str, title: str, runs: Sequence[StrategyRun], by: tuple[str, ...], notes: tuple[str, ...]) -> Table:
     """Runs summarised by what they have in common."""
     heads = (*by, "strategy", "way")
-    groups: dict[tuple[Cell, ...], list[Run]] = {}
+    groups: dict[tuple[Cell, ...], list[StrategyRun]] = {}
     for r in runs:
         groups.setdefault(tuple(getattr(r, name) for name in heads), []).append(r)
     rows = tuple((*key, *summarize(group)) for key, group in groups.items())

@@ -10,7 +10,7 @@ from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.images import Grey
 from grasptrack.typing import Progress
 from grasptrack_bench.report.table import Table
-from grasptrack_bench.schedule import Outcome, Scheduler
+from grasptrack_bench.schedule import Scheduler, TaskOutcome
 from grasptrack_bench.simulation import SHAPES
 from research.paper import contexts
 from research.paper.ablation import ablation_tables
@@ -35,15 +35,15 @@ from research.paper.footage import (
     KINDS,
     MOTIONS,
     OBJECTS,
+    FilmedPart,
     Footage,
-    Part,
     ideal_footage,
     make_part,
     middle_frame,
     rendered_footage,
 )
 from research.paper.population import Task, population_runs, population_tables
-from research.paper.runs import Run
+from research.paper.runs import StrategyRun
 from research.paper.searching import table_of_searches
 from research.paper.sensitivity import sensitivity_table
 from research.paper.times import table_of_times
@@ -102,7 +102,7 @@ class PaperRun:
     tables: tuple[Table, ...]
     courses: tuple[Course, ...]
     returns: tuple[Return, ...]
-    runs: tuple[Run, ...]
+    runs: tuple[StrategyRun, ...]
     pictures: tuple[Picture, ...]
     figures: tuple[tuple[str, Picture], ...]
     times: Table
@@ -192,7 +192,9 @@ def _check(extent: Extent) -> None:
         raise InputError(f"{told}; choose from {', '.join(SHAPES)}")
 
 
-def _all_footage(parts: Sequence[Part], extent: Extent, progress: Progress | None) -> tuple[list[Footage], Images]:
+def _all_footage(
+    parts: Sequence[FilmedPart], extent: Extent, progress: Progress | None
+) -> tuple[list[Footage], Images]:
     """All contours of the three objects, and the images of which there are pictures."""
     frames, seed = extent.frames, extent.seed
     tick = _Ticker(progress, "images", len(parts) * len(IN_IMAGES) * frames)
@@ -229,11 +231,11 @@ def _name_if_refused(footage: Footage, transfer: str, found: Correspondences | s
 
 def _population(
     extent: Extent, schedule: Scheduler | None, progress: Progress | None
-) -> tuple[list[Run], dict[str, str]]:
+) -> tuple[list[StrategyRun], dict[str, str]]:
     """Runs of every shape and seed in order, and why some shapes have none."""
     tasks = [Task(shape, seed, extent.frames) for shape in extent.shapes for seed in range(extent.seeds)]
     tick = _Ticker(progress, "shapes", len(tasks))
-    done: dict[int, list[Run] | str] = {}
+    done: dict[int, list[StrategyRun] | str] = {}
     for outcome in (schedule or _one_after_the_other)(population_runs, tasks):
         if outcome.error:
             task = tasks[outcome.index]
@@ -245,11 +247,11 @@ def _population(
     return [run for value in values if not isinstance(value, str) for run in value], left_out
 
 
-def _one_after_the_other(function: object, tasks: Sequence[object]) -> Iterator[Outcome]:
+def _one_after_the_other(function: object, tasks: Sequence[object]) -> Iterator[TaskOutcome]:
     """A `Scheduler` in this process, in which what fails is raised."""
     assert callable(function)
     for i, task in enumerate(tasks):
-        yield Outcome(i, function(task), "")
+        yield TaskOutcome(i, function(task), "")
 
 
 class _Ticker:

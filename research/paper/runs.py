@@ -19,7 +19,7 @@ OFF_PX = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class StrategyRun:
     """What one strategy made of one sequence, or of the part of it at one value of what was varied.
 
     Attributes:
@@ -55,12 +55,12 @@ class Run:
     reason: str
 
 
-def run_of(errors: Sequence[ErrorMeasure | str], *setting: str | int | float) -> Run:
-    """The run of a setting, the fields of `Run` up to `value`, whose frames had these errors, or reasons of refusals."""
+def run_of(errors: Sequence[ErrorMeasure | str], *setting: str | int | float) -> StrategyRun:
+    """Run of a setting, the fields of `StrategyRun` up to `value`, whose frames had these errors, or reasons of refusals."""
     answered = [e for e in errors if isinstance(e, ErrorMeasure)]
     reasons = count_reasons(e for e in errors if isinstance(e, str))
-    common: dict[str, Any] = dict(zip([f.name for f in fields(Run)], setting, strict=False))
-    return Run(
+    common: dict[str, Any] = dict(zip([f.name for f in fields(StrategyRun)], setting, strict=False))
+    return StrategyRun(
         **{"varied": "", "value": 0.0, **common},
         asked=len(errors),
         answered=len(answered),
@@ -82,7 +82,7 @@ SUMMARY_NOTES = (
 )
 
 
-def summarize(runs: Iterable[Run]) -> list[Cell]:
+def summarize(runs: Iterable[StrategyRun]) -> list[Cell]:
     """Cells under `SUMMARY` for runs of several shapes and seeds."""
     listed = list(runs)
     asked, answered = sum(r.asked for r in listed), sum(r.answered for r in listed)

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 from grasptrack.transfer import homography
 from grasptrack_bench.report.table import Table
-from research.paper.footage import Part, ideal_footage
-from research.paper.runs import SUMMARY, SUMMARY_NOTES, Run, run_of, summarize
+from research.paper.footage import FilmedPart, ideal_footage
+from research.paper.runs import SUMMARY, SUMMARY_NOTES, StrategyRun, run_of, summarize
 from research.paper.transfers import Way, transfer_and_measure
 
 CONSTANTS = tuple(name for name, value in vars(homography).items() if name.isupper() and isinstance(value, int | float))
@@ -30,7 +30,7 @@ def changed(constant: str, factor: float) -> Iterator[None]:
         setattr(homography, constant, usual)
 
 
-def sensitivity_runs(part: Part, seed: int, frames: int) -> Iterator[Run]:
+def sensitivity_runs(part: FilmedPart, seed: int, frames: int) -> Iterator[StrategyRun]:
     """The homography with each constant changed, 6 DoF, contours sampled anew, with the last frame as prior."""
     footage = ideal_footage(part, "resampled", "6 DoF", frames, seed)
     usual = transfer_and_measure(footage, "homography", PRIOR).errors
@@ -44,7 +44,7 @@ def sensitivity_runs(part: Part, seed: int, frames: int) -> Iterator[Run]:
             yield run_of(errors, *setting, constant, factor)
 
 
-def sensitivity_table(runs: Sequence[Run]) -> Table:
+def sensitivity_table(runs: Sequence[StrategyRun]) -> Table:
     """Table S: errors and shares answered by constant and factor."""
     mine = [r for r in runs if r.experiment == "sensitivity"]
     rows = []

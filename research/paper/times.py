@@ -18,7 +18,7 @@ from grasptrack.grasp.synthesis import synthesize
 from grasptrack.transfer import STRATEGIES, TransferStrategy, homography, strategy_named
 from grasptrack_bench.baselines.literal import PAPER, LiteralHomography
 from grasptrack_bench.report.table import Cell, Table
-from research.paper.footage import Part, ideal_footage
+from research.paper.footage import FilmedPart, ideal_footage
 
 VIEWS, ROUNDS, SEARCHED = 60, 5, 10
 """Outlines, each timed anew so often on copies that nothing was worked out of before; those in which a grasp is searched."""
@@ -30,7 +30,7 @@ PRINTED_SEARCH = 60.0
 _HEAD = ("step", "paper, us", "ours, median us", "99th percentile us", "to the letter, median us")
 
 
-def table_of_times(part: Part) -> Table:
+def table_of_times(part: FilmedPart) -> Table:
     """Times per call through Python, of our transfers and of the paper's to the letter.
 
     A transfer is describing the grasp on the first contour and applying the description to the second. The search of

@@ -25,7 +25,7 @@ from grasptrack import kernels
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.io.results import describe_machine
 from grasptrack.typing import Bools, Floats, Pixels
-from grasptrack_bench.method import Maker, Start
+from grasptrack_bench.method import Maker, MethodStart
 from grasptrack_bench.metrics.score import Score, Truth
 from grasptrack_bench.simulation import SceneFrame
 
@@ -137,7 +137,7 @@ def time_calls(call: Callable[..., object], pool: Iterable[tuple[object, ...]]) 
     return 1e-9 * np.array(taken, dtype=np.float64)
 
 
-def score_alone(make: Maker, start: Start, frames: Sequence[SceneFrame]) -> Score:
+def score_alone(make: Maker, start: MethodStart, frames: Sequence[SceneFrame]) -> Score:
     """The score of one method that runs by itself, with the latency of each update."""
     method, score = make(start), Score("")
     for frame in frames:

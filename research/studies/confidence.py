@@ -20,7 +20,8 @@ from research.studies import common
 
 BINS = (0.0, 0.5, 0.8, 0.9, 0.99, 0.999, 1.0)
 """Confidences between which answers are counted."""
-RISKS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+RISKS = (1e-1, 1e-2, 1e-3)
+"""No answer is told to be surer than `Numbers.untested`."""
 DRAWS = 500
 """Resamplings of the sequences, for the intervals: frames of one sequence are wrong together."""
 
@@ -102,7 +103,7 @@ def bins_of(cases: Sequence[Answers]) -> list[Bin]:
 
 def at_risk(cases: Sequence[Answers], risk: float) -> tuple[float, int, float]:
     """Share of the whole frames that is located, answers wrong of all, and as told, with `--risk` so."""
-    taken = [c.told > 1.0 - risk for c in cases]
+    taken = [c.told >= 1.0 - risk for c in cases]
     frames = sum(c.frames for c in cases)
     located = sum(float((c.whole * (1.0 - c.wrong))[k].sum()) for c, k in zip(cases, taken, strict=True))
     wrong = sum(float(c.wrong[k].sum()) for c, k in zip(cases, taken, strict=True))
@@ -165,6 +166,13 @@ def plot_reliability(path: Path, shares: Floats, labels: Sequence[str], title: s
     figure.savefig(path, dpi=150)
 
 
+def plot_bins(path: Path, bins: Sequence[Bin], sequences: int) -> None:
+    """The reliability diagram (PNG) of the answers to so many sequences."""
+    shares = np.array([(b.told, b.wrong, b.least, b.most) for b in bins]) / np.array([[b.answers] for b in bins])
+    labels = [f"{b.wrong} of {b.answers}" for b in bins]
+    plot_reliability(path, shares, labels, f"{sum(b.answers for b in bins)} answers in {sequences} sequences")
+
+
 def main() -> None:
     """Run and print."""
     parser = common.create_parser(__doc__)
@@ -203,9 +211,7 @@ def main() -> None:
             [(n, *("-" if v is None else f"{100 * v:.1f} %" for v in shares)) for n, shares in found.items()],
         )
     if asked.picture:
-        shares = np.array([(b.told, b.wrong, b.least, b.most) for b in bins]) / np.array([[b.answers] for b in bins])
-        labels = [f"{b.wrong} of {b.answers}" for b in bins]
-        plot_reliability(asked.picture, shares, labels, f"{count} answers in {len(cases)} sequences")
+        plot_bins(asked.picture, bins, len(cases))
         common.add_paragraph(f"Picture: {asked.picture.name}")
     common.write_sections(asked.output)
 

@@ -47,7 +47,7 @@ RIDGE = 1.5
 
 
 @dataclass(frozen=True)
-class Looked:
+class PhotoLook:
     """What the first look made of one photo with one hint."""
 
     kind: str
@@ -83,7 +83,7 @@ def is_mask_found(truth: Bools, mask: Bools) -> bool:
     return boundary_f(truth, mask) >= ENOUGH_F and intersection_over_union(truth, mask) >= ENOUGH_IOU
 
 
-def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> Looked:
+def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> PhotoLook:
     """One photo with one hint: the deepest pixel of the mask, its bounding box, or a rough polygon."""
     told: dict[str, Any] = {}
     if hint == "pixel":
@@ -101,7 +101,7 @@ def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> Looked:
     ms = (time.perf_counter() - start) * 1e3
     right = [is_found(photo.truth, c.view) for c in distinct_candidates(found)]
     first = found[0] if found else None
-    return Looked(
+    return PhotoLook(
         photo.kind,
         photo.scene,
         hint,
@@ -153,7 +153,7 @@ def fit_logistic(terms: Floats, right: Bools, factor: Floats | float = 1.0) -> F
     return np.concatenate([[found[0] - float(slopes @ middle)], slopes])
 
 
-def cross_validated(looked: Sequence[Looked]) -> Floats:
+def cross_validated(looked: Sequence[PhotoLook]) -> Floats:
     """(n,) probabilities of being right, those of each kind of object by a fit to the others."""
     terms, ties = np.array([r.signs.terms for r in looked]), np.array([tie_factor(r.signs.lead) for r in looked])
     right, kinds = np.array([r.first for r in looked]), np.array([r.kind for r in looked])
@@ -175,7 +175,7 @@ def reliability_rows(told: Floats, right: Bools) -> list[list[Any]]:
     return rows
 
 
-def report_fit(looked: Sequence[Looked]) -> None:
+def report_fit(looked: Sequence[PhotoLook]) -> None:
     """The numbers of probabilities fitted to all hints but polygons, and what they are worth on kinds that were left out."""
     fitted = [r for r in looked if r.hint in FITTED and r.probability > 0.0]
     right = np.array([r.first for r in fitted])

@@ -115,7 +115,7 @@ def measure_block(session: LiveSession, server: PageServer, seconds: float) -> B
             waiting.append(waiting_of_this_thread())
 
     server.hub.round_trips.clear()
-    unlisten, began = session.listen(note), time.perf_counter()
+    unlisten, began = session.add_listener(note), time.perf_counter()
     time.sleep(seconds)
     unlisten()
     took = time.perf_counter() - began

@@ -15,7 +15,7 @@ import numpy as np
 from grasptrack.demo import STRATEGIES
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack_bench.baselines import available_baselines
-from grasptrack_bench.method import Maker, Start
+from grasptrack_bench.method import Maker, MethodStart
 from grasptrack_bench.metrics.score import Score
 from grasptrack_bench.simulation import DISTURBANCES, SHAPES, SceneFrame, bracket_scene
 from research.studies import common
@@ -100,7 +100,7 @@ def show_loop(count: int, repeat: int) -> None:
         growth = width * height / (SIZES[0][0] * SIZES[0][1])
         first = GraspTracker(strategy=STRATEGIES[0]).update(frames[0].image)
         assert first.contacts is not None, first.reason
-        start = Start(first.contacts, frames[0].outline, (width, height))
+        start = MethodStart(first.contacts, frames[0].outline, (width, height))
         rows: list[list[object]] = []
         for strategy in STRATEGIES:
             runs = [common.score_alone(strategy_maker(strategy), start, frames) for _ in range(repeat)]

@@ -25,10 +25,10 @@ from grasptrack.matching import Sampled, judge_hypotheses, match_outlines
 from grasptrack.matching.rating import MAX_DEPTH, MAX_STRETCH, perturb_homography, rate_homography
 from grasptrack.tracking.image_pair import transfer_between_images
 from grasptrack.typing import Floats
-from grasptrack_bench.simulation import SHAPES, Camera, Conditions, Path, Scene, Shape, shape_from_mask
+from grasptrack_bench.simulation import SHAPES, Conditions, Path, Pinhole, Scene, Shape, shape_from_mask
 from research.studies import common
 
-CAMERA = Camera(640, 480, focal=320.0 / math.tan(math.radians(30.0)))
+CAMERA = Pinhole(640, 480, focal=320.0 / math.tan(math.radians(30.0)))
 """60 degrees across: an object that fills 60 % of it is near."""
 BINS = (0.0, 15.0, 30.0, 45.0, 60.0)
 NOISE = 0.2
@@ -160,7 +160,7 @@ def has_wrong_contact(H: Floats, views: Views, contacts: Floats, size: float) ->
     return bool(np.hypot(*gap.T).max() > accept_limit(size**2))
 
 
-class Tally:
+class OutcomeTally:
     """Counts of outcomes by tilt, of pairs with one alignment and with more."""
 
     def __init__(self) -> None:
@@ -196,7 +196,7 @@ class Tally:
             print(line)
 
 
-class Pair(NamedTuple):
+class ViewPair(NamedTuple):
     """Two views of a part.
 
     Attributes:
@@ -214,7 +214,7 @@ class Pair(NamedTuple):
     rng: np.random.Generator
 
 
-def sample_pairs(shapes: dict[str, Shape], count: int, *stream: int) -> Iterator[Pair]:
+def sample_pairs(shapes: dict[str, Shape], count: int, *stream: int) -> Iterator[ViewPair]:
     """So many pairs of each part, drawn by the numbers of a stream."""
     for name, shape in shapes.items():
         rng = np.random.default_rng((*stream, len(name), *name.encode()))
@@ -224,12 +224,12 @@ def sample_pairs(shapes: dict[str, Shape], count: int, *stream: int) -> Iterator
             paths = sample_poses(shape, rng, tilt)
             first, second = (path.table_to_image(CAMERA)[0] for path in paths)
             views = Views(first, second, tilt)
-            yield Pair(shape, paths, views, has_second(views, alignments, shape), rng)
+            yield ViewPair(shape, paths, views, has_second(views, alignments, shape), rng)
 
 
 def show_outlines(shapes: dict[str, Shape], count: int, seed: int, title: str) -> None:
     """Pairs of outlines."""
-    tally = Tally()
+    tally = OutcomeTally()
     for shape, _, views, more, rng in sample_pairs(shapes, count, seed):
         first, second = (noisy_outline(shape, H, rng, NOISE) for H in views[:2])
         start = time.perf_counter()
@@ -274,7 +274,7 @@ def show_cut(shapes: dict[str, Shape], count: int, seed: int) -> None:
 
 def show_images(shapes: dict[str, Shape], count: int, seed: int) -> None:
     """Pairs of rendered images."""
-    tally = Tally()
+    tally = OutcomeTally()
     for k, (shape, paths, views, more, rng) in enumerate(sample_pairs(shapes, count, seed, 1)):
         names = [field.name for field in fields(Path)]
         path = Path(*(np.concatenate([getattr(p, name) for p in paths]) for name in names))

@@ -14,8 +14,8 @@ import grasptrack as gt
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.force_closure import analyze
-from grasptrack_bench.simulation import SHAPES, Camera, Conditions, Path, Scene
-from grasptrack_bench.simulation.scene import sample_outline
+from grasptrack_bench.simulation import SHAPES, Conditions, Path, Pinhole, Scene
+from grasptrack_bench.simulation.frame import sample_outline
 from grasptrack_bench.simulation.textures import sample_look
 from research.studies import common
 
@@ -32,7 +32,7 @@ UNIT = 300.0
 """px of the part's own unit where the truth is analysed."""
 
 
-class Case(NamedTuple):
+class TiltCase(NamedTuple):
     """One approach."""
 
     part: str
@@ -43,7 +43,7 @@ class Case(NamedTuple):
 
     def scene(self) -> Scene:
         """The camera leans at first, comes over the part and closer, and rolls by 30 degrees."""
-        camera, u = Camera(), np.linspace(0.0, 1.0, FRAMES)
+        camera, u = Pinhole(), np.linspace(0.0, 1.0, FRAMES)
         seen = sample_look(self.part, self.seed + self.way)
         path = Path(
             target=np.column_stack([0.15 * (1.0 - u), -0.1 * (1.0 - u)]),
@@ -88,7 +88,7 @@ def in_plane(scene: Scene, contacts: NDArray[np.float64], friction: float = FRIC
     return analyze(gt.Grasp(UNIT * apply_homography(back, contacts)), outline, friction).margin
 
 
-def track_case(case: Case) -> list[Told]:
+def track_case(case: TiltCase) -> list[Told]:
     """Located frames after the first; empty where the first view has no grasp on the part."""
     scene, tracker = case.scene(), gt.GraspTracker(friction=case.friction)
     told: list[Told] = []
@@ -173,7 +173,9 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     asked = parser.parse_args()
     names, asked_tilts = asked.parts.split(","), tuple(int(t) for t in asked.tilts.split(","))
-    cases = [Case(*c, asked.seed, asked.friction) for c in itertools.product(names, asked_tilts, range(len(AZIMUTHS)))]
+    cases = [
+        TiltCase(*c, asked.seed, asked.friction) for c in itertools.product(names, asked_tilts, range(len(AZIMUTHS)))
+    ]
     common.begin_section("The object's own plane")
     told = dict(zip(cases, common.run_all(track_case, cases, asked.workers), strict=True))
     common.add_paragraph(f"{len(names)} parts, {sum(bool(f) for f in told.values())} approaches, degrees.")

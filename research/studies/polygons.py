@@ -41,7 +41,7 @@ CHOICES: dict[str, tuple[float, ...]] = {
 """What each number may be, in the order in which they are fitted."""
 
 
-class Drawn(NamedTuple):
+class DrawnPolygons(NamedTuple):
     """Polygons drawn round one photo's object."""
 
     kind: str
@@ -91,7 +91,7 @@ def fill_polygon(polygon: Floats, shape: tuple[int, ...]) -> Bools:
     return np.asarray(mask > 0, dtype=np.bool_)
 
 
-def snapped_well(photos: Sequence[Drawn], numbers: SnapNumbers | None) -> tuple[Bools, Floats]:
+def snapped_well(photos: Sequence[DrawnPolygons], numbers: SnapNumbers | None) -> tuple[Bools, Floats]:
     """(n, 5) whether each polygon ends right, and its boundary F; of polygons as drawn where there are no numbers."""
     right, near = [], []
     for photo in photos:
@@ -104,7 +104,7 @@ def snapped_well(photos: Sequence[Drawn], numbers: SnapNumbers | None) -> tuple[
     return np.array(right).reshape(shape), np.array(near).reshape(shape)
 
 
-def fit_numbers(photos: Sequence[Drawn], start: SnapNumbers) -> SnapNumbers:
+def fit_numbers(photos: Sequence[DrawnPolygons], start: SnapNumbers) -> SnapNumbers:
     """Numbers that leave more polygons right, one changed after the other, once round."""
 
     def worth(numbers: SnapNumbers) -> float:
@@ -137,7 +137,7 @@ def main() -> None:
         maps = [] if segmenter is None else [r.mask for r in segmenter.regions(photo.image, FirstImage())]
         map_ = np.mean(maps, axis=0).astype(np.float32) if maps else None
         edges = ClosedEdgeSegmenter(lab_planes(photo.image))
-        photos.append(Drawn(photo.kind, photo.truth, edges, map_, draw_polygons(photo.truth)))
+        photos.append(DrawnPolygons(photo.kind, photo.truth, edges, map_, draw_polygons(photo.truth)))
     common.begin_section(f"Rough outlines, snapped: {len(photos)} photos, {args.segmenter or 'classical'}")
     used = snap_numbers(segmenter is not None)
     rows = []

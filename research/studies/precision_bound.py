@@ -61,7 +61,7 @@ def error_bounds(target: Target, scene: Scene) -> tuple[float, float]:
     for index in range(EVERY, len(scene), EVERY):
         G = scene.homography(index) @ target.A
         free = np.linalg.inv(pose_information(target, scene, index)) + first
-        _, rows, _ = target.handle.pinhole(G, theta, scene.camera.width, scene.camera.height)
+        _, rows, _ = target.handle.pinhole(G, theta, scene.camera.width, scene.camera.height, 1.0)
         held = free - free @ rows.T @ np.linalg.inv(rows @ free @ rows.T) @ rows @ free
         J = by_pose(target, G, target.work_contacts)
         found.append([np.mean([np.trace(j @ C @ j.T) for j in J]) for C in (free, held)])
@@ -73,7 +73,7 @@ def tracking_error(frames: list[SceneFrame], first: NDArray[np.uint8], contacts:
     """The target, and px, rms of its contacts in all frames that were answered after a first image."""
     follower = Follower(first, common.outline_of(frames[0].outline), contacts, 0.0)
     found = [(follower.update(f.image, f.time), f) for f in frames[1:]]
-    off = [d.estimate.contacts - f.carry(contacts) for d, f in found if d.accepted and d.estimate is not None]
+    off = [d.estimate.contacts - f.carry(contacts) for d, f in found if d.is_accepted and d.estimate is not None]
     return follower.target, float(np.sqrt((np.array(off) ** 2).sum(axis=2).mean())) if off else math.nan
 
 

@@ -27,9 +27,9 @@ from grasptrack.transfer import TransferStrategy, homography, strategy_named
 from grasptrack.transfer.alignment import find_alignments
 from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.baselines import available_baselines
-from grasptrack_bench.method import Start
+from grasptrack_bench.method import MethodStart
 from grasptrack_bench.metrics.score import Score
-from grasptrack_bench.simulation import SHAPES, Camera, SceneFrame, bracket_scene, tilting_path
+from grasptrack_bench.simulation import SHAPES, Pinhole, SceneFrame, bracket_scene, tilting_path
 from research.studies import common
 from research.studies.loop import strategy_maker
 
@@ -89,7 +89,7 @@ class Clock:
 # --- over the outline's length -------------------------------------------------------------------
 
 
-class Views(NamedTuple):
+class StepViews(NamedTuple):
     """Outlines of a gently moving part whose points correspond, and the homographies (3, 3) from the first to each."""
 
     first: Floats
@@ -97,19 +97,19 @@ class Views(NamedTuple):
     H: list[Floats]
 
 
-def noisy_views(count: int, calls: int) -> Views:
+def noisy_views(count: int, calls: int) -> StepViews:
     """A reference outline and as many others, with sensor-like noise of 0.05 px."""
     rng = np.random.default_rng(count)
     plain = kernels.resample(np.ascontiguousarray(SHAPES["bracket"]().outer), count, 0.0)
     path = tilting_path(calls + 1, tilt=0.12, reach=0.2, zoom=0.08, turn=0.25, distance=4.4, seed=5)
     projected = []
     smooth = np.fft.rfftfreq(count) < 40.0 / count
-    matrices = list(path.table_to_image(Camera()))
+    matrices = list(path.table_to_image(Pinhole()))
     for H in matrices:
         noise = np.fft.irfft(np.fft.rfft(rng.normal(0.0, 1.0, (count, 2)), axis=0) * smooth[:, None], count, axis=0)
         projected.append(np.asarray(gt.Contour(plain).transformed(H).points + 0.05 * noise / noise.std()))
     back = np.linalg.inv(matrices[0])
-    return Views(projected[0], projected[1:], [H @ back for H in matrices[1:]])
+    return StepViews(projected[0], projected[1:], [H @ back for H in matrices[1:]])
 
 
 def new_contours(outlines: Iterable[Floats]) -> list[gt.Contour]:
@@ -117,7 +117,7 @@ def new_contours(outlines: Iterable[Floats]) -> list[gt.Contour]:
     return [gt.Contour(points) for points in outlines]
 
 
-def time_on_outlines(seen: Views) -> tuple[Measured, Errors]:
+def time_on_outlines(seen: StepViews) -> tuple[Measured, Errors]:
     """Every step on outlines of one length."""
     reference, clock = gt.Contour(seen.first), Clock(1e6)
     grasp = gt.synthesize(reference)[0]
@@ -177,7 +177,7 @@ def time_with_images(count: int, calls: int) -> Measured:
     return clock.taken
 
 
-def time_opencv_on_outlines(seen: Views) -> tuple[Measured, Errors]:
+def time_opencv_on_outlines(seen: StepViews) -> tuple[Measured, Errors]:
     """OpenCV's calls that do comparable work, not the same work."""
     count, clock = len(seen.first), Clock(1e6)
     a = seen.first.astype(np.float32)
@@ -269,14 +269,14 @@ def time_on_images(frames: list[SceneFrame], order: list[SceneFrame]) -> tuple[M
     clock("live wire: first path after a click", path_between, ((wire, *contacts[:2]) for wire in wires))
     clock("live wire: path to the pointer", path_between, ((wire, *contacts[:2]) for wire in wires))
     observer = OutlineDetector()
-    observer.look(first.image)
-    observer.choose(observer.first(FirstImage())[0])
+    observer.set_image(first.image)
+    observer.choose_object(observer.find_objects(FirstImage())[0])
     outer = view.outer.points[:: max(1, len(view.outer) // 64)]
     centres = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)
 
     def find_near(image: Pixels, H: Floats) -> None:
-        found = next(iter(observer.near(image, apply_homography(H, outer), apply_homography(H, centres))))
-        observer.believe(found)
+        found = next(iter(observer.views_near(image, apply_homography(H, outer), apply_homography(H, centres))))
+        observer.learn_levels(found)
 
     to_first = np.linalg.inv(first.H_current_reference)
     moves = [f.H_current_reference @ to_first for f in order]
@@ -329,7 +329,7 @@ def show_images(updates: int, sizes: Sequence[tuple[int, int]]) -> None:
         measured, contacts = time_on_images(frames, order)
         steps.append(measured)
         opencv.append(time_opencv_on_images(order))
-        start, few = Start(contacts, order[0].outline, (width, height)), order[: max(4, calls // 6)]
+        start, few = MethodStart(contacts, order[0].outline, (width, height)), order[: max(4, calls // 6)]
         runs = {name: common.score_alone(strategy_maker(name), start, order) for name in STRATEGIES}
         whole.append(runs | {name: common.score_alone(make, start, few) for name, make in peers.items()})
     heads = [f"{w}x{h}" for w, h in sizes]

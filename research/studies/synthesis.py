@@ -16,7 +16,7 @@ import numpy as np
 import grasptrack as gt
 from grasptrack import kernels
 from grasptrack.grasp.synthesis.candidates import Stable, sample_candidates
-from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
+from grasptrack.grasp.synthesis.limits import UnevennessLimits, reject_infeasible
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.typing import Floats
 from grasptrack_bench.simulation import SHAPES
@@ -93,7 +93,7 @@ def by_brute_force(view: gt.View, fingers: int, friction: float) -> Yield:
             at.contacts, at.normals, cx, cy, 0.5 * math.sqrt(area), friction
         )
     found = Stable(at, index, sense, strength, friction)
-    return Yield(len(found), len(reject_infeasible(found, at, view, hand, (), Limits())[0]))
+    return Yield(len(found), len(reject_infeasible(found, at, view, hand, (), UnevennessLimits())[0]))
 
 
 def show_parts(calls: int) -> None:

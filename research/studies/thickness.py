@@ -14,8 +14,8 @@ from grasptrack_bench.method import score_sequence
 from grasptrack_bench.methods import method_makers
 from grasptrack_bench.metrics.score import FrameScore
 from grasptrack_bench.scenes import show_scene
-from grasptrack_bench.simulation import SHAPES, Camera, Conditions, Path, Scene
-from grasptrack_bench.simulation.textures import Look, sample_look
+from grasptrack_bench.simulation import SHAPES, Conditions, Path, Pinhole, Scene
+from grasptrack_bench.simulation.textures import SceneAppearance, sample_look
 from research.studies import common
 
 THICK = (0.0, 0.01, 0.02, 0.04, 0.08, 0.12)
@@ -29,7 +29,7 @@ AZIMUTHS, SHADES = (0.3, 2.4, 4.5), (0.55, 0.7, 1.2)
 SIZE = 175.0
 
 
-class Case(NamedTuple):
+class ThicknessCase(NamedTuple):
     """One sequence: the camera leans by a degree a frame, with a slow roll."""
 
     part: str
@@ -39,7 +39,7 @@ class Case(NamedTuple):
 
     def scene(self) -> Scene:
         """The part in the middle, sqrt(area) of SIZE px."""
-        camera, seen = Camera(), _choose_look(self.part, self.light, self.way)
+        camera, seen = Pinhole(), _choose_look(self.part, self.light, self.way)
         frames = math.ceil(TILTS[-1] + BAND) + 1
         u = np.arange(frames, dtype=np.float64)
         path = Path(
@@ -62,13 +62,13 @@ class Case(NamedTuple):
         )
 
 
-def _choose_look(part: str, light: bool, way: int) -> Look:
+def _choose_look(part: str, light: bool, way: int) -> SceneAppearance:
     """The part's own look of a seed, the first in which it is lighter than the table, or darker."""
     kinds = (sample_look(part, 100 * way + seed) for seed in itertools.count())
     return next(found for found in kinds if (found.surface_level > found.table_level) is light)
 
 
-def track_case(case: Case) -> list[FrameScore]:
+def track_case(case: ThicknessCase) -> list[FrameScore]:
     """Scored frames of `auto`; a frame's index is its tilt in degrees. Empty where the first view has no grasp."""
     try:
         start, shown = show_scene(case.scene())
@@ -104,7 +104,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
     names, thick = asked.parts.split(","), [float(t) for t in asked.thick.split(",")]
-    cases = [Case(*c) for c in itertools.product(names, (False, True), thick, range(len(AZIMUTHS)))]
+    cases = [ThicknessCase(*c) for c in itertools.product(names, (False, True), thick, range(len(AZIMUTHS)))]
     common.begin_section("Thick parts")
     frames = dict(zip(cases, common.run_all(track_case, cases, asked.workers), strict=True))
     total = [f for found in frames.values() for f in found]

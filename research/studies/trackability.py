@@ -27,7 +27,7 @@ from grasptrack.trackability.prediction import (
     predict_run,
 )
 from grasptrack.typing import Floats
-from grasptrack_bench.method import Shown, Start, score_sequence
+from grasptrack_bench.method import MethodFrame, MethodStart, score_sequence
 from grasptrack_bench.methods import method_makers
 from grasptrack_bench.metrics.score import FrameScore
 from grasptrack_bench.real import RealCase, sequence_of, videos_of
@@ -49,7 +49,7 @@ DRAWS = 40
 """Resamplings of the runs, for the intervals of what is fitted."""
 
 
-class Outcome(NamedTuple):
+class RunOutcome(NamedTuple):
     """What was foretold of a run, and what came of it.
 
     Attributes:
@@ -80,7 +80,7 @@ class Outcome(NamedTuple):
         return self.located / self.frames
 
 
-def inspect_and_track(kind: str, name: str, start: Start, shown: Iterable[Shown]) -> Outcome | None:
+def inspect_and_track(kind: str, name: str, start: MethodStart, shown: Iterable[MethodFrame]) -> RunOutcome | None:
     """Inspect the first frame and track the rest, both told of the same contacts; None where too few frames count."""
     frames = iter(shown)
     first = next(frames)
@@ -92,7 +92,7 @@ def inspect_and_track(kind: str, name: str, start: Start, shown: Iterable[Shown]
     if len(counted) < LEAST:
         return None
     errors = np.array([f.error for f in counted if f.answered])
-    return Outcome(
+    return RunOutcome(
         kind,
         name,
         found.level,
@@ -106,7 +106,7 @@ def inspect_and_track(kind: str, name: str, start: Start, shown: Iterable[Shown]
     )
 
 
-def of_scene(case: SceneCase) -> Outcome | None:
+def of_scene(case: SceneCase) -> RunOutcome | None:
     """A rendered scene; None where there is nothing to choose."""
     try:
         return inspect_and_track(case.disturbance, case.name, *show_scene(case.scene(), case.fingers, case.friction))
@@ -114,7 +114,7 @@ def of_scene(case: SceneCase) -> Outcome | None:
         return None
 
 
-def of_video(case: RealCase) -> Outcome | None:
+def of_video(case: RealCase) -> RunOutcome | None:
     """A real video; None where its object is not found."""
     try:
         with sequence_of(case) as (start, shown, _):
@@ -124,7 +124,7 @@ def of_video(case: RealCase) -> Outcome | None:
         return None
 
 
-def run_cases(function: Callable[[Any], Outcome | None], cases: Sequence[Any], jobs: int) -> list[Outcome]:
+def run_cases(function: Callable[[Any], RunOutcome | None], cases: Sequence[Any], jobs: int) -> list[RunOutcome]:
     """All that came of some cases."""
     return [o for o in common.run_all(function, cases, jobs) if o is not None]
 
@@ -133,7 +133,7 @@ def run_cases(function: Callable[[Any], Outcome | None], cases: Sequence[Any], j
 
 
 def fit_unforeseen(
-    outcomes: Sequence[Outcome], weights: Floats, start: Unforeseen = UNFORESEEN, near: float = 0.02
+    outcomes: Sequence[RunOutcome], weights: Floats, start: Unforeseen = UNFORESEEN, near: float = 0.02
 ) -> Unforeseen:
     """The numbers that make what came of runs most probable, and their errors' quantiles best (pinball loss of the log).
 
@@ -174,14 +174,14 @@ def fit_unforeseen(
     return Unforeseen(*np.exp([*first, *second]).tolist())
 
 
-def balance_weights(outcomes: Sequence[Outcome]) -> Floats:
+def balance_weights(outcomes: Sequence[RunOutcome]) -> Floats:
     """(n,) so that videos count as much as scenes."""
     videos = np.array([o.kind == "video" for o in outcomes])
     share = np.where(videos, 0.5 / max(int(videos.sum()), 1), 0.5 / max(int((~videos).sum()), 1))
     return np.asarray(share * len(outcomes), dtype=np.float64)
 
 
-def write_numbers(path: Path, outcomes: Sequence[Outcome], by: str) -> Unforeseen:
+def write_numbers(path: Path, outcomes: Sequence[RunOutcome], by: str) -> Unforeseen:
     """Fit, and write the numbers with their intervals."""
     weights = balance_weights(outcomes)
     best, rng = fit_unforeseen(outcomes, weights), np.random.default_rng(0)
@@ -202,7 +202,7 @@ def write_numbers(path: Path, outcomes: Sequence[Outcome], by: str) -> Unforesee
 # --- tables --------------------------------------------------------------------------------------
 
 
-def is_within(o: Outcome, unforeseen: Unforeseen) -> tuple[bool, bool]:
+def is_within(o: RunOutcome, unforeseen: Unforeseen) -> tuple[bool, bool]:
     """Whether the share of located frames and the error of a run lie within their intervals."""
     assert o.drawn is not None
     run = predict_run(o.drawn, o.frames, unforeseen)
@@ -210,7 +210,7 @@ def is_within(o: Outcome, unforeseen: Unforeseen) -> tuple[bool, bool]:
     return a <= o.share <= b, not o.located or not o.drawn.located or c <= o.error <= d
 
 
-def by_kind(outcomes: Sequence[Outcome], unforeseen: Unforeseen) -> list[list[object]]:
+def by_kind(outcomes: Sequence[RunOutcome], unforeseen: Unforeseen) -> list[list[object]]:
     """Rows of how often runs of each kind lie within."""
     rows: list[list[object]] = []
     kinds = list(dict.fromkeys(o.kind for o in outcomes))
@@ -223,7 +223,7 @@ def by_kind(outcomes: Sequence[Outcome], unforeseen: Unforeseen) -> list[list[ob
     return rows
 
 
-def by_level(outcomes: Sequence[Outcome]) -> list[list[object]]:
+def by_level(outcomes: Sequence[RunOutcome]) -> list[list[object]]:
     """Rows of what came of runs that were called good, fair and poor."""
     rows: list[list[object]] = []
     for level in LEVELS:
@@ -237,7 +237,7 @@ def by_level(outcomes: Sequence[Outcome]) -> list[list[object]]:
     return rows
 
 
-def outcome_row(o: Outcome, unforeseen: Unforeseen) -> list[object]:
+def outcome_row(o: RunOutcome, unforeseen: Unforeseen) -> list[object]:
     """A run beside what was foretold of it."""
     if o.drawn is None:
         return [o.name, o.level, "", f"{100 * o.share:.0f} %", "", o.error, ""]

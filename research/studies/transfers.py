@@ -169,7 +169,7 @@ def cut_outline(outline: Floats, share: float, angle: float) -> tuple[Floats, Fl
 # --- one pair ------------------------------------------------------------------------------------
 
 
-class Case(NamedTuple):
+class TransferCase(NamedTuple):
     """Pairs of a kind: tilt in degrees, whether the last frame is the prior, share that is cut."""
 
     name: str
@@ -179,12 +179,12 @@ class Case(NamedTuple):
 
 
 CASES = (
-    Case("4 DoF, no prior", 0.0, False),
-    Case("4 DoF, last frame", 0.0, True),
-    Case("30 degrees, no prior", 30.0, False),
-    Case("30 degrees, last frame", 30.0, True),
-    *(Case(f"4 DoF, last frame, {100 * cut:.0f} % cut", 0.0, True, cut) for cut in CUTS),
-    *(Case(f"30 degrees, last frame, {100 * cut:.0f} % cut", 30.0, True, cut) for cut in CUTS),
+    TransferCase("4 DoF, no prior", 0.0, False),
+    TransferCase("4 DoF, last frame", 0.0, True),
+    TransferCase("30 degrees, no prior", 30.0, False),
+    TransferCase("30 degrees, last frame", 30.0, True),
+    *(TransferCase(f"4 DoF, last frame, {100 * cut:.0f} % cut", 0.0, True, cut) for cut in CUTS),
+    *(TransferCase(f"30 degrees, last frame, {100 * cut:.0f} % cut", 30.0, True, cut) for cut in CUTS),
 )
 
 
@@ -196,7 +196,7 @@ class Answer(NamedTuple):
     refusal: str
 
 
-def transfer_pair(case: Case, count: int, seed: int) -> Answer | None:
+def transfer_pair(case: TransferCase, count: int, seed: int) -> Answer | None:
     """Transfer by the homography between two views; None where a pair has no such grasp, or no four peaks."""
     rng = np.random.default_rng([seed, CASES.index(case)])
     outline, pose = random_outline(rng), random_pose(rng, case.tilt)

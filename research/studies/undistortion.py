@@ -12,7 +12,7 @@ import numpy as np
 
 import grasptrack as gt
 from grasptrack.undistortion import Undistortion
-from grasptrack_bench.method import Start, score_sequence
+from grasptrack_bench.method import MethodStart, score_sequence
 from grasptrack_bench.metrics.score import FrameScore
 from grasptrack_bench.scenes import Part, SceneCase, show_scene
 from grasptrack_bench.simulation import SHAPES
@@ -21,7 +21,7 @@ from research.studies import common
 METHODS = ("`lens`, camera not told", "`lens`, camera told", "`clean-6dof`, to compare")
 
 
-def tracker_with(camera: gt.Camera | None, start: Start) -> gt.GraspTracker:
+def tracker_with(camera: gt.Camera | None, start: MethodStart) -> gt.GraspTracker:
     """The tracker with a camera, or without."""
     return gt.GraspTracker(grasp=start.contacts, camera=camera)
 
@@ -58,7 +58,7 @@ def time_undistortion() -> list[str]:
         times = []
         for _ in range(100):
             began = time.perf_counter()
-            lens.image(image)
+            lens.straight_image(image)
             times.append(1e3 * (time.perf_counter() - began))
         cells.append(f"{statistics.median(times):.2f}")
     return [*cells, f"{first:.0f}"]

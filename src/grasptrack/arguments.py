@@ -38,14 +38,14 @@ def checked(other: Check | None = None, /, **checks: Check) -> Callable[[Target]
 
     def decorate(target: Target) -> Target:
         if isinstance(target, type):
-            setattr(target, "__init__", _guarded(target.__init__, other, checks))  # type: ignore[misc]  # noqa: B010
+            setattr(target, "__init__", _with_checks(target.__init__, other, checks))  # type: ignore[misc]  # noqa: B010
             return target
-        return _guarded(target, other, checks)  # type: ignore[return-value]
+        return _with_checks(target, other, checks)  # type: ignore[return-value]
 
     return decorate
 
 
-def _guarded(function: Callable[..., Any], other: Check | None, checks: dict[str, Check]) -> Callable[..., Any]:
+def _with_checks(function: Callable[..., Any], other: Check | None, checks: dict[str, Check]) -> Callable[..., Any]:
     names = list(inspect.signature(function).parameters)
     every = [(place, name, checks.get(name, other)) for place, name in enumerate(names) if name not in ("self", "cls")]
     by_place = [(place, name, check) for place, name, check in every if check is not None]
@@ -64,13 +64,13 @@ def _guarded(function: Callable[..., Any], other: Check | None, checks: dict[str
                 continue
             wanted = check(value)
             if wanted:
-                raise InputError(f"{name} must be {wanted}, not {_shown(value)}", name=name, value=value)
+                raise InputError(f"{name} must be {wanted}, not {_in_words(value)}", name=name, value=value)
         return function(*args, **kwargs)
 
     return guarded
 
 
-def _shown(value: object) -> str:
+def _in_words(value: object) -> str:
     """A value in a few words, whatever it is."""
     import numpy as np
 

@@ -47,13 +47,13 @@ def compared_by_value(cls: Class) -> Class:
     def differs(self: object, other: object) -> bool:
         return not are_equal(self, other) if _of_one_kind(self, other) else NotImplemented
 
-    _set(cls, "__eq__", equals)
-    _set(cls, "__ne__", differs)  # a tuple has one of its own, which would be found first
-    _set(cls, "__hash__", _hash)
+    _set_method(cls, "__eq__", equals)
+    _set_method(cls, "__ne__", differs)  # a tuple has one of its own, which would be found first
+    _set_method(cls, "__hash__", _hash_value)
     return cls
 
 
-def _set(cls: type, name: str, function: Callable[..., object]) -> None:
+def _set_method(cls: type, name: str, function: Callable[..., object]) -> None:
     function.__name__, function.__qualname__ = name, f"{cls.__qualname__}.{name}"
     setattr(cls, name, function)
 
@@ -104,21 +104,21 @@ def _slots_of(cls: type) -> tuple[str, ...]:
     return (slots,) if isinstance(slots, str) else tuple(slots)
 
 
-def _hash(value: object) -> int:
+def _hash_value(value: object) -> int:
     """The same for equal values."""
-    return hash(_key(value))
+    return hash(_hashable_key(value))
 
 
-def _key(value: object) -> object:
+def _hashable_key(value: object) -> object:
     if isinstance(value, np.ndarray):
         numbers = value.astype(np.float64) if value.dtype.kind in "biuf" else np.zeros(0)
         return value.shape, (np.nan_to_num(numbers) + 0.0).tobytes()  # -0 is 0
     if isinstance(value, float) and value != value:
         return "nan"
     if isinstance(value, Mapping):
-        return frozenset((key, _key(part)) for key, part in value.items())
+        return frozenset((key, _hashable_key(part)) for key, part in value.items())
     if isinstance(value, (list, tuple)):
-        return tuple(map(_key, value))
+        return tuple(map(_hashable_key, value))
     if is_record(value):
-        return tuple((name, _key(part)) for name, part in public_parts(value).items())
+        return tuple((name, _hashable_key(part)) for name, part in public_parts(value).items())
     return value

@@ -74,7 +74,7 @@ def hold_folder(output: Path) -> Iterator[None]:
     place = output.resolve()
     with ExitStack() as stack:
         if place not in _held.get():
-            descriptor = _lock(place)
+            descriptor = _lock_folder(place)
             if descriptor is not None:
                 stack.callback(os.close, descriptor)
             token = _held.set(_held.get() | {place})
@@ -91,7 +91,7 @@ def hold_folder(output: Path) -> Iterator[None]:
             ) from error
 
 
-def _lock(folder: Path) -> int | None:
+def _lock_folder(folder: Path) -> int | None:
     """A descriptor with which the lock ends; None where there are no locks."""
     try:
         import fcntl

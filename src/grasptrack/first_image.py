@@ -33,7 +33,7 @@ FIRST_IMAGE_CHECKS = dict.fromkeys(
 class FirstImage:
     """Everything that is known of the first image beside the image, in px of it.
 
-    `FirstImage.of` makes one of what users write, `straight` and `within` fit it to an image.
+    `FirstImage.of` makes one of what users write, `without_distortion` and `within` fit it to an image.
 
     Attributes:
         object_at: (x, y) px each, all on the object.
@@ -91,10 +91,10 @@ class FirstImage:
             GraspError: contacts that are none.
         """
         said = cls(
-            _points(object_at, "object_at"),
-            _points(not_at, "not_at"),
-            None if box is None else _box(box),
-            None if outline is None else _polygon(outline),
+            _parsed_points(object_at, "object_at"),
+            _parsed_points(not_at, "not_at"),
+            None if box is None else _parsed_box(box),
+            None if outline is None else _parsed_polygon(outline),
             None if grasp is None else Grasp(grasp),
             **given,
         )
@@ -129,13 +129,13 @@ class FirstImage:
         """Whether a person said anything of the object."""
         return self.names_object or bool(self.not_at)
 
-    def place(self) -> str:
+    def place_in_words(self) -> str:
         """The place in words, for messages: " at 10,20", " in the box", or empty."""
         if self.object_at:
             return " at " + " and ".join(f"{x:g},{y:g}" for x, y in self.object_at)
         return " in the box" if self.box is not None else ""
 
-    def arguments(self) -> dict[str, Any]:
+    def tracker_arguments(self) -> dict[str, Any]:
         """What was given, by the names of the parameters of `GraspTracker`."""
         nothing = FirstImage()
         given = {each.name: getattr(self, each.name) for each in fields(self)}
@@ -154,7 +154,7 @@ class FirstImage:
             return replace(self.of_no_object(), object_at=(*self.object_at, at), not_at=self.not_at)
         return replace(self, not_at=(*self.not_at, at), number=None, grasp=None)
 
-    def straight(self, lens: Undistortion) -> FirstImage:
+    def without_distortion(self, lens: Undistortion) -> FirstImage:
         """The same of the image without its lens's distortion.
 
         Raises:
@@ -163,19 +163,21 @@ class FirstImage:
         """
 
         def moved(points: tuple[Point, ...]) -> tuple[Point, ...]:
-            return _points(lens.points(np.array(points)), "a pixel") if points else ()
+            return _parsed_points(lens.straight_points(np.array(points)), "a pixel") if points else ()
 
         width, height = lens.size
         return replace(
             self,
             object_at=moved(self.object_at),
             not_at=moved(self.not_at),
-            box=None if self.box is None else lens.box(self.box),
-            outline=None if self.outline is None else lens.points(self.outline),
-            grasp=None if self.grasp is None else Grasp(lens.points(self.grasp.contacts)),
-            ignore=lens.ignored(self.ignore),
-            background=None if self.background is None else lens.image(_sized(self.background, width, height)),
-            more=() if isinstance(self.more, tuple) and not self.more else (lens.image(image) for image in self.more),
+            box=None if self.box is None else lens.straight_box(self.box),
+            outline=None if self.outline is None else lens.straight_points(self.outline),
+            grasp=None if self.grasp is None else Grasp(lens.straight_points(self.grasp.contacts)),
+            ignore=lens.ignored_pixels(self.ignore),
+            background=None if self.background is None else lens.straight_image(_sized(self.background, width, height)),
+            more=()
+            if isinstance(self.more, tuple) and not self.more
+            else (lens.straight_image(image) for image in self.more),
         )
 
     def within(self, shape: tuple[int, ...]) -> FirstImage:
@@ -208,7 +210,7 @@ class FirstImage:
         return replace(self, box=box, ignore=None, hidden=hidden, background=background)
 
 
-def _points(given: ArrayLike | None, name: str) -> tuple[Point, ...]:
+def _parsed_points(given: ArrayLike | None, name: str) -> tuple[Point, ...]:
     if given is None:
         return ()
     try:
@@ -222,7 +224,7 @@ def _points(given: ArrayLike | None, name: str) -> tuple[Point, ...]:
     return tuple((x, y) for x, y in array.tolist())
 
 
-def _box(given: Any) -> Box:
+def _parsed_box(given: Any) -> Box:
     try:
         left, top, wide, tall = (float(v) for v in given)
     except (TypeError, ValueError):
@@ -232,7 +234,7 @@ def _box(given: Any) -> Box:
     return left, top, wide, tall
 
 
-def _polygon(given: ArrayLike) -> Floats:
+def _parsed_polygon(given: ArrayLike) -> Floats:
     try:
         points = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError):

@@ -23,7 +23,7 @@ def to_grey(image: NDArray[Any]) -> Grey:
     Raises:
         SourceError: another type or shape, or a side under 32 px.
     """
-    return PLAIN.grey(to_bgr(image))
+    return PLAIN.to_grey(to_bgr(image))
 
 
 def to_bgr(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -45,7 +45,7 @@ class Channel(NamedTuple):
 
     weights: tuple[float, float, float] | None = None
 
-    def grey(self, colours: NDArray[np.uint8]) -> Grey:
+    def to_grey(self, colours: NDArray[np.uint8]) -> Grey:
         """(H, W) an image as `to_bgr` gives it in this mixture; plain grey if it has no colours."""
         if colours.ndim == 2:
             return colours

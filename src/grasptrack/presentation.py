@@ -23,8 +23,9 @@ def png_of(value: object) -> bytes:
 
 def format_confidence(confidence: float, decimals: int = 3) -> str:
     """A confidence with so many decimals, or as many more, up to 9, as tell how far from 1 it is: 0.9961 is no 1.00."""
-    off = 1.0 - confidence
-    return f"{confidence:.{min(9, max(decimals, 1 - math.floor(math.log10(off))))}f}" if off > 0.0 else "1"
+    off, kept = 1.0 - confidence, 2 + decimals
+    told = f"{confidence:.{min(9, max(decimals, 1 - math.floor(math.log10(off))))}f}" if off > 0.0 else "1"
+    return told[:kept] + told[kept:].rstrip("0")
 
 
 def to_dict(record: object, *, leave: tuple[str, ...] = ()) -> dict[str, Any]:

@@ -42,7 +42,7 @@ class Undistortion:
         camera: scaled to this size.
         offset: (2,) ideal px of the straight image's pixel (0, 0); whole numbers.
         hidden: (h, w) uint8, 255 where the straight image shows nothing.
-        focal: focal length in widths of the straight image, and the relative difference between its axes; None if the
+        focal: focal length in widths of the straight image, and the width of a pixel for each unit of its height; None if the
             optical axis is not in the middle.
 
     Raises:
@@ -79,7 +79,7 @@ class Undistortion:
         self.hidden: NDArray[np.uint8] = np.where(shown, np.uint8(0), np.uint8(255))
         (fx, fy), (x, y) = np.diag(self.camera.matrix)[:2].tolist(), self.camera.matrix[:2, 2].tolist()
         aside = max(abs(left + right - 2.0 * x), abs(top + bottom - 2.0 * y))
-        self.focal = (math.sqrt(fx * fy) / (right - left + 1), abs(math.log(fx / fy))) if aside <= 2.0 else None
+        self.focal = (fx / (right - left + 1), fy / fx) if aside <= 2.0 else None
 
     @staticmethod
     def _pixel_grid(x: NDArray[Any], y: NDArray[Any]) -> Floats:
@@ -93,7 +93,7 @@ class Undistortion:
 
     # --- what goes in ----------------------------------------------------------------------------
 
-    def image(self, image: NDArray[Any]) -> NDArray[np.uint8]:
+    def straight_image(self, image: NDArray[Any]) -> NDArray[np.uint8]:
         """A grey or BGR image as a lens without distortion would show it.
 
         Raises:
@@ -107,7 +107,7 @@ class Undistortion:
             )
         return np.asarray(cv2.remap(colours, *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
 
-    def mask(self, mask: NDArray[Any], what: str = "mask", least: int = 128) -> NDArray[np.uint8]:
+    def straight_mask(self, mask: NDArray[Any], what: str = "mask", least: int = 128) -> NDArray[np.uint8]:
         """A mask of the straight image, 0 and 255; pixels covered by at least `least` / 255 are set.
 
         Raises:
@@ -117,72 +117,72 @@ class Undistortion:
         straight = np.asarray(cv2.remap(given, *self._maps, cv2.INTER_LINEAR))
         return np.where(straight >= least, np.uint8(255), np.uint8(0))
 
-    def ignored(self, mask: NDArray[Any] | None) -> NDArray[Any] | None:
+    def ignored_pixels(self, mask: NDArray[Any] | None) -> NDArray[Any] | None:
         """Ignored pixels: outside the original image, and under the user's mask; None if there are none.
 
         Raises:
             InputError: not of the images' size.
         """
-        hidden = self.hidden if mask is None else self.hidden | self.mask(mask, "ignore mask", least=1)
+        hidden = self.hidden if mask is None else self.hidden | self.straight_mask(mask, "ignore mask", least=1)
         return hidden if hidden.any() else None
 
-    def points(self, seen: ArrayLike) -> Floats:
+    def straight_points(self, seen: ArrayLike) -> Floats:
         """Points (k, 2) of the original image in px of the straight one."""
         return self.camera.undistort(np.asarray(seen, dtype=np.float64)) - self.offset
 
-    def box(self, box: Box) -> Box:
+    def straight_box(self, box: Box) -> Box:
         """A box of the original image in the straight one: the rectangle around its undistorted sides."""
         x, y, w, h = box
         along = np.linspace(0.0, 1.0, 9)
         sides = [(x + w * t, y + h * e) for t in along for e in (0, 1)] + [
             (x + w * e, y + h * t) for t in along for e in (0, 1)
         ]
-        at = self.points(np.array(sides))
+        at = self.straight_points(np.array(sides))
         (left, top), (right, bottom) = at.min(axis=0).tolist(), at.max(axis=0).tolist()
         return left, top, right - left, bottom - top
 
     # --- what comes out --------------------------------------------------------------------------
 
-    def seen(self, points: ArrayLike) -> Floats:
+    def points_seen(self, points: ArrayLike) -> Floats:
         """Points (k, 2) of the straight image in px of the original one."""
         return self.camera.distort(np.asarray(points, dtype=np.float64) + self.offset)
 
     def _seen_near(self, points: Floats) -> tuple[Floats, Floats]:
-        """`seen` and `stretch` together, for the few points of every frame."""
-        around = self.seen(points[:, None] + _STEP * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]))
+        """`points_seen` and `point_jacobian` together, for the few points of every frame."""
+        around = self.points_seen(points[:, None] + _STEP * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]))
         J = np.stack([around[:, 1] - around[:, 2], around[:, 3] - around[:, 4]], axis=-1) / (2.0 * _STEP)
         return around[:, 0], J
 
-    def stretch(self, points: ArrayLike) -> Floats:
-        """(k, 2, 2) derivatives of `seen` at points (k, 2) of the straight image."""
+    def point_jacobian(self, points: ArrayLike) -> Floats:
+        """(k, 2, 2) derivatives of `points_seen` at points (k, 2) of the straight image."""
         return self.camera.jacobian(np.asarray(points, dtype=np.float64) + self.offset)
 
-    def view(self, view: View) -> View:
+    def view_seen(self, view: View) -> View:
         """An outline of the straight image in px of the original one."""
         return View(
             [
-                Contour.trusted(self.seen(c.points), hole=c.hole, strength=c.strength, clipped=c.clipped)
+                Contour.trusted(self.points_seen(c.points), hole=c.hole, strength=c.strength, clipped=c.clipped)
                 for c in view.contours
             ]
         )
 
-    def grasp(self, grasp: RankedGrasp) -> SeenGrasp:
+    def grasp_seen(self, grasp: RankedGrasp) -> SeenGrasp:
         """A grasp of the straight image in px of the original one; lengths stay those of the straight image."""
-        turned = (self.stretch(grasp.contacts) @ grasp.directions[..., None])[..., 0]
+        turned = (self.point_jacobian(grasp.contacts) @ grasp.directions[..., None])[..., 0]
         return SeenGrasp(
-            self.seen(grasp.contacts),
+            self.points_seen(grasp.contacts),
             grasp.quality,
             grasp.terms,
             spread=grasp.spread,
             margin=grasp.margin,
             directions=turned / np.linalg.norm(turned, axis=1, keepdims=True),
             regions=grasp.regions,
-            fingers=self.seen(grasp.fingers),
-            swept=self.seen(grasp.swept),
+            fingers=self.points_seen(grasp.fingers),
+            swept=self.points_seen(grasp.swept),
             straight=grasp.contacts,
         )
 
-    def result(self, result: TrackResult) -> TrackResult:
+    def result_seen(self, result: TrackResult) -> TrackResult:
         """A result with contacts, covariance and outline in px of the original image, homographies in ideal px."""
         contacts, covariance = result.contacts, result.covariance
         H, spread = result.homography, result.homography_covariance
@@ -202,7 +202,7 @@ class Undistortion:
                 J = (entries - np.outer(moved / moved[2, 2], entries[8])) / moved[2, 2]
                 spread = J @ spread @ J.T
             H = moved / moved[2, 2]
-        view = None if result.view is None else self.view(result.view)
+        view = None if result.view is None else self.view_seen(result.view)
         return replace(
             result,
             contacts=contacts,

@@ -17,17 +17,14 @@ import json
 import re
 import shutil
 import tempfile
-import time
-from argparse import ArgumentParser
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+import harness
 from grasptrack.cli.main import main as command_line
 from grasptrack.errors import InputError
 from grasptrack.io.base import Frame
@@ -38,6 +35,7 @@ from grasptrack_bench.metrics.score import FrameScore
 from grasptrack_bench.real import RealCase, Truths, read_scenes, videos_of
 from grasptrack_bench.records import read_homographies, read_records, write_records
 from grasptrack_bench.run_folder import read_run
+from harness import Finding
 from scores import write_homographies
 
 IMAGES = (".png", ".jpg", ".bmp", ".tif", ".pgm")
@@ -60,22 +58,6 @@ TABLE, SCENES, INDEX, SCORES = "film.homographies.csv", "scenes.csv", "evaluatio
 ODD = (*b'nan inf -1e999 1e308 1e-320 0 -1 \xff " \0 null true'.split(b" "), b"9" * 5000, b"[" * 5000)
 """What a number of a text is replaced by."""
 NUMBER = re.compile(rb"-?\d+(\.\d+)?")
-
-
-class Finding(NamedTuple):
-    """A damaged file on which a command did not end well.
-
-    Attributes:
-        case: its number, which makes it again with the seed.
-        command: what was called.
-        status: its exit status.
-        said: what it said, one string.
-    """
-
-    case: int
-    command: tuple[str, ...]
-    status: int
-    said: str
 
 
 def whole_files(folder: Path) -> list[Path]:
@@ -245,7 +227,7 @@ def read(file: Path) -> tuple[int, str]:
     return 0, ""
 
 
-def fuzz(folder: Path, seed: int) -> Iterator[tuple[Path, Finding | None]]:
+def fuzz(folder: Path, seed: int) -> Iterator[tuple[str, Finding | None]]:
     """Damaged files without end, and what was found with each; the same seed gives the same."""
     files = whole_files(folder)
     contents = [file.read_bytes() for file in files]
@@ -264,33 +246,16 @@ def fuzz(folder: Path, seed: int) -> Iterator[tuple[Path, Finding | None]]:
             status, said = called(command)
         lines = said.count("\n")
         good = (status == 0 and lines == 0) or (status == 2 and lines == 1 and said.startswith("grasptrack: "))
-        yield file, None if good else Finding(case, command, status, said)
+        kind_of = file.suffix[1:] if file.stem == "whole" else file.name
+        yield kind_of, None if good else Finding(case, " ".join(command[:2]), f"status {status}: {said!r}")
         case += 1
 
 
 def main() -> int:
     """Fuzz for a while, print counts and findings; status 1 where there is a finding."""
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=60.0, help="how long")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--count", type=int, default=10**9, help="files at most")
-    asked = parser.parse_args()
-    counts: Counter[str] = Counter()
-    findings: list[Finding] = []
-    until = time.monotonic() + asked.seconds
+    asked = harness.options(__doc__, count=(10**9, "files at most"))
     with tempfile.TemporaryDirectory() as folder:
-        for file, finding in fuzz(Path(folder), asked.seed):
-            counts[file.suffix[1:] if file.stem == "whole" else file.name] += 1
-            if finding is not None:
-                findings.append(finding)
-                print(
-                    f"case {finding.case}, status {finding.status}: {' '.join(finding.command[:2])}: {finding.said!r}"
-                )
-            if sum(counts.values()) >= asked.count or time.monotonic() > until:
-                break
-    told = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
-    print(f"{sum(counts.values())} damaged files ({told}): {len(findings)} findings")
-    return 1 if findings else 0
+        return harness.tell(fuzz(Path(folder), asked.seed), asked, "damaged files")
 
 
 if __name__ == "__main__":

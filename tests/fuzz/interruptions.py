@@ -11,6 +11,7 @@ a run without interruption holds. The same seed interrupts alike, but for what t
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import os
 import random
@@ -20,9 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from argparse import ArgumentParser
-from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -33,6 +32,7 @@ import numpy as np
 from grasptrack import open_source
 from grasptrack.errors import SourceError
 from grasptrack.io.limits import HELD
+from harness import Finding, options, tell
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 FRAMES = 60
@@ -245,34 +245,21 @@ class Harness:
         return "a process lives on"
 
 
+def cases(harness: Harness, seed: int) -> Iterator[tuple[str, Finding | None]]:
+    """Interruptions without end: the command and how each ended, and what was wrong."""
+    for case in itertools.count():
+        draw = random.Random(f"{seed} {case}")
+        name, how = harness.verbs[case % len(harness.verbs)], draw.choice(SIGNALS)
+        outcome = harness.interrupt(name, how, draw.uniform(0.0, 1.1))
+        kind = outcome.partition(":")[0]
+        yield f"{kind} {name}", Finding(case, f"{name}, {how.name}", outcome) if kind == "bad" else None
+
+
 def main() -> int:
     """Interrupt for a while, print counts and findings; status 1 where there is a finding."""
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=1e9, help="how long")
-    parser.add_argument("--count", type=int, default=10**9, help="interruptions at most")
-    parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
-    counts: dict[str, Counter[str]] = {name: Counter() for name in VERBS}
-    until, bad = time.monotonic() + asked.seconds, 0
+    asked = options(__doc__, 1e9, count=(10**9, "interruptions at most"))
     with tempfile.TemporaryDirectory() as folder:
-        harness = Harness(Path(folder))
-        for case in range(asked.count):
-            if case and case % 50 == 0:
-                print(f"{case} interruptions, {bad} findings", flush=True)
-            draw = random.Random(f"{asked.seed} {case}")
-            name, how = harness.verbs[case % len(harness.verbs)], draw.choice(SIGNALS)
-            outcome = harness.interrupt(name, how, draw.uniform(0.0, 1.1))
-            counts[name][outcome.partition(":")[0]] += 1
-            if outcome.startswith("bad"):
-                bad += 1
-                print(f"seed {asked.seed}, case {case}: {name}, {how.name}: {outcome}", flush=True)
-            if time.monotonic() > until:
-                break
-    for name, outcomes in counts.items():
-        told = ", ".join(f"{count} {outcome}" for outcome, count in sorted(outcomes.items()))
-        print(f"{name}: {sum(outcomes.values())} interruptions: {told}")
-    print(f"{sum(sum(o.values()) for o in counts.values())} interruptions: {bad} findings")
-    return 1 if bad else 0
+        return tell(cases(Harness(Path(folder)), asked.seed), asked, "interruptions")
 
 
 if __name__ == "__main__":

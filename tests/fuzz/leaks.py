@@ -11,7 +11,6 @@ from __future__ import annotations
 import ctypes
 import gc
 import sys
-from argparse import ArgumentParser
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -19,6 +18,7 @@ from types import ModuleType
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 
+from harness import options
 from kernel_calls import NAMES, draw_call, judge_call
 
 VARIED = 40
@@ -89,10 +89,7 @@ def leaks(module: ModuleType, seed: int, calls: int) -> dict[str, float]:
 
 def main() -> int:
     """Print what leaks; status 1 where anything does."""
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--calls", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
+    asked = options(__doc__, calls=(2000, "of each kernel, three times"))
     import _grasptrack_native as module
 
     found = leaks(module, asked.seed, asked.calls)

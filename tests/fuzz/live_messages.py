@@ -12,23 +12,22 @@ import contextlib
 import json
 import socket
 import tempfile
-import time
-from argparse import ArgumentParser
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+import harness
 from grasptrack.io.sources import open_source
 from grasptrack.live.commands import COMMANDS
 from grasptrack.live.server import PageServer
 from grasptrack.live.session import LiveSession
 from grasptrack.live.settings import Settings
+from harness import Finding
 
 FIELDS = ("image", "x", "y", "on", "width", "height", "points", "number", "paused", "value", "count", "step", "point")
 FIELDS += ("opening_m", "beyond_m", "symmetric", "do")
@@ -36,56 +35,15 @@ STEPS = ("start", "hover", "add", "close", "move", "clear")
 SECRET = "what no page may show"
 PATHS = ("/", "/page/", "/files/", "/socket", "/files/grasps.csv", "/page/app.js")
 PIECES = (
-    "..",
-    "%2e%2e",
-    "/",
-    "%2f",
-    "\\",
-    "%5c",
-    "secret.txt",
-    "%00",
-    "grasps.csv",
-    "?token=",
-    "#",
-    ";",
-    "é",
-    "%ff",
-    "//",
-    "*",
-    ":",
-)
+    "..", "%2e%2e", "/", "%2f", "\\", "%5c", "secret.txt", "%00", "grasps.csv", "?token=", "#", ";", "é", "%ff", "//", "*", ":",
+)  # fmt: skip
 METHODS = ("GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "TRACE", "G\x00T", "get")
 HEADERS = ("Host", "Origin", "Cookie", "Content-Length", "Transfer-Encoding", "Upgrade", "Connection", "Range", "X")
 WORDS = (
-    "",
-    "a",
-    "-1",
-    "99999999999999999999",
-    "chunked",
-    "websocket",
-    "http://evil.example",
-    "null",
-    "127.0.0.1",
-    "\x7f",
-    "[::1",
-    "=;,",
-    "keep-alive",
-)
+    "", "a", "-1", "99999999999999999999", "chunked", "websocket", "http://evil.example", "null",
+    "127.0.0.1", "\x7f", "[::1", "=;,", "keep-alive",
+)  # fmt: skip
 ALIVE_SECONDS = 20.0
-
-
-class Finding(NamedTuple):
-    """What did not end well.
-
-    Attributes:
-        case: its number, which makes it again with the seed.
-        sent: what was sent, cut short.
-        said: what is wrong.
-    """
-
-    case: int
-    sent: str
-    said: str
 
 
 def odd_value(rng: np.random.Generator, depth: int = 0) -> Any:
@@ -232,27 +190,12 @@ def fuzz(target: Target, seed: int) -> Iterator[tuple[str, Finding | None]]:
 
 def main() -> int:
     """Fuzz for a while, print counts and findings; status 1 where there is a finding."""
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=60.0, help="how long")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--count", type=int, default=10**9, help="messages and requests at most")
-    asked = parser.parse_args()
-    counts: Counter[str] = Counter()
-    findings: list[Finding] = []
-    until = time.monotonic() + asked.seconds
+    asked = harness.options(__doc__, count=(10**9, "messages and requests at most"))
     with tempfile.TemporaryDirectory() as folder:
         target = Target(Path(folder))
-        for kind, finding in fuzz(target, asked.seed):
-            counts[kind] += 1
-            if finding is not None:
-                findings.append(finding)
-                print(f"case {finding.case}: {finding.said}\n  {finding.sent}")
-            if sum(counts.values()) >= asked.count or time.monotonic() > until:
-                break
+        status = harness.tell(fuzz(target, asked.seed), asked, "messages and requests to the live page")
         target.close()
-    told = ", ".join(f"{count} {kind}s" for kind, count in sorted(counts.items()))
-    print(f"{told} to the live page: {len(findings)} findings")
-    return 1 if findings else 0
+    return status
 
 
 if __name__ == "__main__":

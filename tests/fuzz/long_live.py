@@ -19,7 +19,6 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from argparse import ArgumentParser
 from collections import Counter
 from contextlib import suppress
 from pathlib import Path
@@ -32,6 +31,7 @@ from grasptrack.live import commands as told
 from grasptrack.live.server import PageServer
 from grasptrack.live.session import LiveSession
 from grasptrack.live.settings import Settings
+from harness import options
 from long_run import growth_of
 from research.studies.live_page import CLIENT, Played
 from research.studies.loop import resident_mb
@@ -124,7 +124,7 @@ class Run:
         recorded = f"recording-{self.counts['recordings'] + 1:03d}"
         records = self._rng.random() < 0.8
         if records:
-            self.session.tell(told.Record(True))
+            self.session.send_command(told.Record(True))
             self.counts["recordings"] += 1
         clients = [self._client() for _ in range(int(self._rng.integers(1, MOST_CLIENTS + 1)))]
         until = time.monotonic() + self._rng.uniform(*ROUND)
@@ -136,7 +136,7 @@ class Run:
             client.wait(PATIENCE)
         self._until_tracking()
         if records:
-            self.session.tell(told.Record(False))
+            self.session.send_command(told.Record(False))
             if not self.session.wait_for(lambda s: any(recorded in name for name in s.files), PATIENCE):
                 raise AssertionError(f"{recorded} is not written: {self.session.shown.notice}")
             for path in self._folder.glob(f"{recorded}.*"):
@@ -178,20 +178,20 @@ class Run:
         self.counts[kind] += 1
         match kind:
             case "pause":
-                self.session.tell(told.Pause(True))
+                self.session.send_command(told.Pause(True))
                 time.sleep(0.1)
-                self.session.tell(told.Pause(False))
+                self.session.send_command(told.Pause(False))
             case "restart":
-                self.session.tell(told.Restart())
+                self.session.send_command(told.Restart())
             case "choose again":
-                self.session.tell(told.Rechoose())
+                self.session.send_command(told.Rechoose())
             case "friction":
-                self.session.tell(told.Friction(float(self._rng.uniform(0.3, 0.9))))
+                self.session.send_command(told.Friction(float(self._rng.uniform(0.3, 0.9))))
             case "fingers":
-                self.session.tell(told.Fingers(int(self._rng.integers(2, 4))))
+                self.session.send_command(told.Fingers(int(self._rng.integers(2, 4))))
             case "click" if shown.result is not None and shown.result.contacts is not None:
                 x, y = shown.result.contacts.mean(axis=0).tolist()
-                self.session.tell(told.Pick(shown.image, x, y))
+                self.session.send_command(told.Pick(shown.image, x, y))
             case _:
                 pass
 
@@ -199,7 +199,7 @@ class Run:
         """Until it tracks again, whatever people have done."""
         until = time.monotonic() + PATIENCE
         while not self.session.wait_for(lambda s: s.phase == "tracking" and not s.paused, 0.5):
-            self.session.tell(told.Start() if self.session.shown.phase == "choosing" else told.Pause(False))
+            self.session.send_command(told.Start() if self.session.shown.phase == "choosing" else told.Pause(False))
             if time.monotonic() > until or not self.session.is_running:
                 raise AssertionError(f"{self.session.shown.phase}: {self.session.shown.notice}")
 
@@ -230,10 +230,7 @@ def run(seconds: float, seed: int, suffix: str) -> LongLive:
 
 def main() -> int:
     """Run, and print what was measured; status 1 where something grows."""
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=600.0)
-    parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
+    asked = options(__doc__, 600.0)
     bad = 0
     for suffix in RECORDED_AS:
         found = run(asked.seconds / len(RECORDED_AS), asked.seed, suffix)

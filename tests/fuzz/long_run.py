@@ -13,7 +13,6 @@ import copy
 import gc
 import pickle
 import time
-from argparse import ArgumentParser
 from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -23,6 +22,7 @@ import numpy as np
 from grasptrack import GraspTracker
 from grasptrack.demo import demo_scene
 from grasptrack.errors import InputError
+from harness import options
 from research.studies.loop import resident_mb
 
 FRAMES = 60
@@ -153,10 +153,7 @@ def compare(old: GraspTracker, shown: Iterator[Any], clock: float, count: int) -
 
 def main() -> int:
     """Run, and print what was measured."""
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--updates", type=int, default=20000)
-    parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
+    asked = options(__doc__, updates=(20000, "how many"))
     found = run(asked.updates, asked.seed)
     print(f"{asked.updates} updates: " + ", ".join(f"{count} {name}" for name, count in sorted(found.counts.items())))
     print("resident MB: " + " ".join(f"{m:.0f}" for m in found.memory) + f"; growth {found.growth:+.1f}")

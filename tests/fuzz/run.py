@@ -47,10 +47,7 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, default=FOLDER, help="folder for what is found")
     options = parser.parse_args()
     counts: dict[str, Counter[str]] = {"kernel calls": Counter(), "contours": Counter()}
-    trials = {
-        "kernel calls": judge_kernel(options.seed),
-        "contours": lambda index: judge_number(options.seed, index),
-    }
+    trials = {"kernel calls": judge_kernel(options.seed), "contours": lambda index: judge_number(options.seed, index)}
     wanted = {"kernel calls": options.calls, "contours": options.contours}
     counted = any(wanted.values())
     end, done = time.monotonic() + options.seconds, dict.fromkeys(trials, 0)

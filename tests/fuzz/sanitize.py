@@ -70,15 +70,7 @@ def main() -> int:
     build()
     loaded = "import _grasptrack_native as n; assert 'sanitize' in n.__file__, n.__file__"
     fuzz = ["-W", "ignore", "tests/fuzz/run.py", "--calls", "12000", "--contours", "2000", "--patience", "120"]
-    return int(
-        any(
-            [
-                run("-c", loaded),
-                run("-m", "pytest", "-p", "no:xdist", "-m", "not slow", *LAWS),
-                run(*fuzz),
-            ]
-        )
-    )
+    return int(any([run("-c", loaded), run("-m", "pytest", "-p", "no:xdist", "-m", "not slow", *LAWS), run(*fuzz)]))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from grasptrack.kernels.results import (
     WrenchSpace,
 )
 
-METHODS = ("hide", "add_texture", "solve", "follow", "moved", "difference", "placed", "joined", "pinhole")
+METHODS = ("hide", "add_texture", "solve", "repeats", "follow", "moved", "difference", "placed", "joined", "pinhole")
 CLASS = "PoseTarget"
 
 
@@ -114,6 +114,7 @@ USUAL: dict[str, Maker] = {
     "arc": lambda s: s.curvature().arc,
     "arc1": lambda s: s.curvature().arc,
     "arc2": lambda s: s.curvature().arc,
+    "aspect": lambda s: s.rng.uniform(0.5, 2.0),
     "before": lambda s: s.levels,
     "bend": lambda s: s.rng.normal(0, 0.1, (3, 8)),
     "bends": lambda s: s.rng.normal(0, 0.1, (3, 2)),
@@ -234,6 +235,7 @@ def _on_circle(s: Scene) -> np.ndarray:
 
 
 SPECIAL: dict[str, Maker] = {
+    "solve.lag": lambda s: np.full(8, s.rng.choice([0.0, 0.5, np.inf])),
     **{f"{k}.points": lambda s: s.outer for k in ("arc_length", "blend_normals", "curvature_vector", "resample")},
     "select_points.points": lambda s: s.outer,
     "best_quadrilateral.points": lambda s: s.outer[:7],

@@ -15,7 +15,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices of 4 x 4: threads
 
 import pickle
 import time
-from argparse import ArgumentParser
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -32,6 +31,7 @@ if __name__ == "__main__":
 import grasptrack as gt
 import servo_images
 from grasptrack.servo.camera import pose_of, rotation_matrix
+from harness import options
 from servo_bench import Bench
 from servo_judge import KINDS, OVER, Judge
 from servo_trial import ARM, CALLS, FALSE, POSES, TIMES, Answers, Trial
@@ -250,16 +250,16 @@ def show(ran: Ran) -> str:
 
 def main() -> int:
     """Run, print what was found; status 1 where there is anything."""
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=20000, help="call sequences")
-    parser.add_argument("--real", type=int, default=500, help="approaches with rendered images")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--seconds", type=float, default=1e9, help="at most")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--only", type=int, help="one call sequence")
-    parser.add_argument("--only-real", type=int, help="one approach with rendered images")
-    parser.add_argument("--approach", type=int, help="one approach, and the sequences that branch off it")
-    asked = parser.parse_args()
+    asked = options(
+        __doc__,
+        1e9,
+        count=(20000, "call sequences"),
+        real=(500, "approaches with rendered images"),
+        workers=(os.cpu_count() or 1, "processes"),
+        only=(None, "one call sequence"),
+        only_real=(None, "one approach with rendered images"),
+        approach=(None, "one approach, and the sequences that branch off it"),
+    )
     if asked.only is not None:
         rans = iter([run_approach(asked.seed, asked.only // CASES, asked.only)])
     elif asked.only_real is not None:

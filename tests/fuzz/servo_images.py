@@ -188,13 +188,13 @@ class Camera:
     """The camera on the hand, and the tracker.
 
     Args:
-        object_at: (2,) px of the part in the first image, as a person would click.
+        object_at: (2,) px of the part in the first image, as a person would click, who then confirms what is shown.
         widest: what the hand can take, in shares of the part's sqrt(area).
     """
 
     def __init__(self, object_at: np.ndarray, widest: float) -> None:
         hand = gt.Hand(max_opening=Length(widest, "size"))
-        self._tracker = gt.GraspTracker(fingers=2, object_at=object_at, hand=hand)
+        self._tracker = gt.GraspTracker(fingers=2, object_at=object_at, number=1, hand=hand)
         self._calls = 0
         self._taken: deque[Shot] = deque(maxlen=LATE + 8)
         self._shown: Shot | None = None  # the last image that the tracker saw

@@ -9,7 +9,7 @@ import numpy as np
 
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import outline_extent
-from grasptrack_bench.simulation import SHAPES, Camera, Conditions, Path, Scene
+from grasptrack_bench.simulation import SHAPES, Conditions, Path, Pinhole, Scene
 
 WIDTH = 640.0
 FRAMES = 14
@@ -30,4 +30,4 @@ def approach(seed: int) -> tuple[Scene, float]:
         azimuth=np.full(FRAMES, rng.uniform(0.0, 2.0 * math.pi)),
     )
     conditions = Conditions(blur=0.8, noise=2.0, pooled=True)
-    return Scene(part, path, camera=Camera(focal=focal), conditions=conditions, seed=seed), outline_extent(part.outer)
+    return Scene(part, path, camera=Pinhole(focal=focal), conditions=conditions, seed=seed), outline_extent(part.outer)

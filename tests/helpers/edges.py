@@ -7,14 +7,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from grasptrack_bench.simulation import Renderer, Scene, Texture
+from grasptrack_bench.simulation import Renderer, Scene, TextureMap
 
 REACH, STEPS = 6.0, 121
 
 
-def flat(level: int) -> Texture:
+def flat(level: int) -> TextureMap:
     """A surface of one grey level."""
-    return Texture(np.full((16, 16), level, np.uint8), 9.0)
+    return TextureMap(np.full((16, 16), level, np.uint8), 9.0)
 
 
 def plane_to_image(scene: Scene) -> np.ndarray:
@@ -24,17 +24,8 @@ def plane_to_image(scene: Scene) -> np.ndarray:
 
 def renderer(scene: Scene) -> Renderer:
     """What draws a scene in grey, for single layers of it."""
-    width, height = scene.camera.width, scene.camera.height
-    return Renderer(
-        scene.shape,
-        scene.table,
-        scene.surface,
-        width=width,
-        height=height,
-        blur=scene.conditions.blur,
-        colour=False,
-        camera=scene.camera,
-    )
+    size = {"width": scene.camera.width, "height": scene.camera.height, "blur": scene.conditions.blur}
+    return Renderer(scene.shape, scene.table, scene.surface, colour=False, camera=scene.camera, **size)
 
 
 def bilinear(field: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -198,11 +198,7 @@ def _paths(value: Any, at: str = "") -> Iterator[str]:
         yield f"{at}: {type(value).__name__}"
 
 
-TEXTS = {
-    "api.txt": api,
-    "help.txt": help_pages,
-    "run_schema.txt": lambda: "\n".join(run_schema()) + "\n",
-}
+TEXTS = {"api.txt": api, "help.txt": help_pages, "run_schema.txt": lambda: "\n".join(run_schema()) + "\n"}
 """What is kept as text, by the name of its file."""
 
 

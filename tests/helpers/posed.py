@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import pytest
 import scipy.linalg
-from hypothesis import settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -27,7 +26,6 @@ from reference.registration.texture import cut_patches
 
 Grey = NDArray[np.uint8]
 
-FEW = settings(max_examples=30, deadline=None)
 SEEDS = st.integers(0, 2**32 - 1)
 NOISY = pytest.mark.parametrize("seed", range(8))
 """Of laws that noise may break now and then: how close an answer comes, and what it tells."""
@@ -133,7 +131,7 @@ def ingredients(seed: int, n: int, numbers: dict[str, float], textured: bool = T
     inside = np.where(rng.random((len(points), 16)) < 0.1, np.nan, beside(-1.0))
     value = levels[0][tuple((surface + A[:2, 2]).astype(int).T[::-1])].astype(np.float64)
     return [
-        NUMBERS.table() | numbers, A, CENTRE, RADIUS, 1.5, 2.0, 0.03, points, normals, contrast[found], inner[found],
+        NUMBERS.kernel_table() | numbers, A, CENTRE, RADIUS, 1.5, 2.0, 0.03, points, normals, contrast[found], inner[found],
         surface, value, CONTACTS, depth, inside, (rng.random((len(points), 16)) < 0.9).astype(np.float64),
     ]  # fmt: skip
 
@@ -175,14 +173,15 @@ def question(levels: list[Grey], start: Floats = A, **other: Any) -> dict[str, A
         "levels": levels, "G": start, "P": known(3.0, 1.0), "last": start, "bend": np.zeros((3, 8)),
         "readout": 0.0, "readout_variance": 0.0, "nuisance": np.array([0.0, *THETA]),
         "nuisance_covariance": NUISANCE_COVARIANCE, "sides": 0.9, "inner_spread": 12.0,
-        "gain": 1.0, "bias": 0.0, "reach": 0.0, "edge_width": 0.8, "blur_share": 0.45,
+        "gain": 1.0, "bias": 0.0, "reach": 0.0, "edge_width": 0.8, "blur_share": 0.45, "lag": np.zeros(8),
+        "aspect": 1.0,
     } | other  # fmt: skip
 
 
 def objective(about: Target, asked: dict[str, Any], G: Floats, **numbers: float) -> Objective:
     """What an answer G (3, 3) to a question makes least."""
     start = Start(**{field.name: asked[field.name] for field in fields(Start)})
-    return Objective(about, seen(asked["levels"]), start, NUMBERS.table() | numbers, G)
+    return Objective(about, seen(asked["levels"]), start, NUMBERS.kernel_table() | numbers, G)
 
 
 def fuzzed(seed: int) -> tuple[Any, Target, dict[str, Any]]:

@@ -25,7 +25,7 @@ from grasptrack.demo import demo_scene
 from grasptrack_bench import suites
 from grasptrack_bench.records import write_records
 
-FRAMES = 12
+FRAMES = 9
 
 
 def _images(folder: Path) -> Path:

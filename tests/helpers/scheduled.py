@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from grasptrack_bench.metrics.score import FrameScore
-from grasptrack_bench.schedule import Outcome
+from grasptrack_bench.schedule import TaskOutcome
 from scores import random_run
 
 
@@ -67,10 +67,10 @@ def scored(task: tuple[int, str]) -> dict[str, list[FrameScore]]:
     return {"auto": random_run(np.random.default_rng(seed), 20)}
 
 
-def in_this_process(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[Outcome]:
+def in_this_process(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[TaskOutcome]:
     """A `Scheduler` that starts no process, for what is not about processes."""
     for index, task in enumerate(tasks):
         try:
-            yield Outcome(index, function(task), "")
+            yield TaskOutcome(index, function(task), "")
         except ValueError as error:
-            yield Outcome(index, None, f"{type(error).__name__}: {error}")
+            yield TaskOutcome(index, None, f"{type(error).__name__}: {error}")

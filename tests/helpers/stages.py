@@ -12,7 +12,15 @@ import numpy as np
 from grasptrack import GraspTracker
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import TrackResult
-from grasptrack_bench.simulation import SHAPES, Renderer, Shape, Texture, brushed_texture, plain_texture, wood_texture
+from grasptrack_bench.simulation import (
+    SHAPES,
+    Renderer,
+    Shape,
+    TextureMap,
+    brushed_texture,
+    plain_texture,
+    wood_texture,
+)
 from grasptrack_bench.simulation.outlines import polygon_moments
 
 Colour = tuple[float, float, float]
@@ -52,8 +60,8 @@ def photo(
     parts: Iterable[tuple[Shape, np.ndarray]],
     bars: Sequence[tuple[np.ndarray, float | Colour]] = (),
     *,
-    ground: Texture = GROUND,
-    surface: Texture = METAL,
+    ground: TextureMap = GROUND,
+    surface: TextureMap = METAL,
     noise: float = 2.0,
     light: float | Colour = 1.0,
     colour: bool = False,

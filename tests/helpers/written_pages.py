@@ -79,10 +79,7 @@ PACKAGES = {
     "errors": "All are a `GraspTrackError`; what a user can correct is an `InputError`.",
 }
 """Sections of the API page, in their order: the packages that have public names, and what they are for."""
-ALIASES = {
-    "Status": "The words that `TrackResult.status` can be.",
-    "StrategyName": "The names of the strategies.",
-}
+ALIASES = {"Status": "The words that `TrackResult.status` can be.", "StrategyName": "The names of the strategies."}
 """Public names without a docstring of their own: types that are spelled out."""
 NUMBERS_HEAD = f"""# The core's numbers
 
@@ -220,7 +217,8 @@ def numbers_table() -> str:
     """docs/tables/numbers.md."""
     rows = ["| number | value | unit | meaning | fitted |", "|---|---|---|---|---|"]
     for name, entry in json.loads(OWN.read_text(encoding="utf-8")).items():
-        fitted = f"{entry['from']:g} to {entry['to']:g}, `{entry['by']}`" if "by" in entry else ""
+        between = f"{entry['from']:g} to {entry['to']:g}, " if "from" in entry else ""
+        fitted = f"{between}`{entry['by']}`" if "by" in entry else ""
         row = f"| `{name}` | {entry['value']:g} | {entry['unit']} | {entry['meaning']} | {fitted} |"
         rows.append(row.replace("|  |", "| |"))
     return "\n".join([NUMBERS_HEAD, "", *rows, ""])

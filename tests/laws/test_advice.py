@@ -36,6 +36,7 @@ def test_every_reason_that_can_be_staged_has_a_small_picture() -> None:
     assert sum(kept.values()) < 600_000
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("code", ["no-grasp", "no-description", "object-gone"])
 def test_a_staged_scene_gives_its_reason(code: str) -> None:
     found = first_frame_with(code)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from closure import programme
@@ -16,10 +16,7 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
 from outlines import BRACKET, blobs, dense, similarities, stars, turned
 
-FEW = settings(max_examples=60, deadline=None)
 
-
-@FEW
 @given(st.one_of(stars(), blobs()), st.lists(st.floats(0, 0.999), min_size=2, max_size=4), st.floats(0.1, 1.2))
 def test_stable_is_what_a_linear_programme_says(points, where, friction):
     contour = Contour(points)
@@ -33,7 +30,6 @@ def test_stable_is_what_a_linear_programme_says(points, where, friction):
     assert (found.reason == "") == found.stable
 
 
-@FEW
 @given(stars(), st.floats(0, 0.999), st.floats(0, 0.999), similarities(), st.integers(0, 299), st.booleans())
 def test_unchanged_by_similarity_first_point_and_direction(points, a, b, S, start, reverse):
     contour = Contour(points)
@@ -51,7 +47,6 @@ def test_unchanged_by_similarity_first_point_and_direction(points, a, b, S, star
     np.testing.assert_allclose(after.flatness, before.flatness, atol=1e-6)
 
 
-@FEW
 @given(stars(), st.lists(st.floats(0, 0.999), min_size=2, max_size=3), st.floats(0.05, 1.0), st.floats(0.01, 1.0))
 def test_more_friction_never_makes_a_grasp_worse(points, where, friction, more):
     contour = Contour(points)

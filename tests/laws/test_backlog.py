@@ -31,7 +31,7 @@ def test_the_newest_alone_where_nothing_is_kept(count: int) -> None:
 def test_all_in_order_within_memory_and_evenly(before: int, count: int, most: int) -> None:
     backlog: Backlog[int] = Backlog(most)
     fell = sum(backlog.add(k, 1) for k in range(before))
-    backlog.keep()
+    backlog.keep_all()
     first = max(before - 1, 0)
     fell += sum(backlog.add(k, 1) for k in range(before, before + count))
     given_out = list(all_of(backlog))
@@ -50,7 +50,7 @@ def test_all_in_order_within_memory_and_evenly(before: int, count: int, most: in
 def test_whoever_keeps_up_misses_nothing_and_whoever_does_not_gets_to_the_newest(late: int, pace: float) -> None:
     """`late` items came during the long step, and `pace` more come during each step after it."""
     backlog: Backlog[int] = Backlog()
-    backlog.keep()
+    backlog.keep_all()
     came, due, taken = 0, float(late), list[int]()
     for _ in range(2000):
         while came < due:
@@ -69,7 +69,7 @@ def test_whoever_keeps_up_misses_nothing_and_whoever_does_not_gets_to_the_newest
 
 def test_forgetting() -> None:
     backlog: Backlog[int] = Backlog()
-    backlog.keep()
+    backlog.keep_all()
     for k in range(5):
         backlog.add(k, 1)
     assert backlog.take() == (0, 0)

@@ -63,6 +63,7 @@ def astray(f: FrameScore) -> FrameScore:
     return replace(f, distances=np.array([9.0, 9.0])) if f.answered and f.frame % 7 == 3 else f
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("change", "measures", "untouched"),
     [
@@ -83,11 +84,7 @@ def astray(f: FrameScore) -> FrameScore:
     ids=["errors", "located", "wrong", "slow", "unstable"],
 )
 def test_what_was_made_worse_is_named_and_nothing_else(
-    folder: Path,
-    tmp_path: Path,
-    change: Callable[[FrameScore], FrameScore],
-    measures: set[str],
-    untouched: set[str],
+    folder: Path, tmp_path: Path, change: Callable[[FrameScore], FrameScore], measures: set[str], untouched: set[str]
 ) -> None:
     after = changed(folder, tmp_path / "b", "auto", change)
     found = compare_runs(folder, after)

@@ -10,11 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack_bench.metrics.errors import (
-    contact_distances,
-    error_measure,
-    sequence_error,
-)
+from grasptrack_bench.metrics.errors import contact_distances, error_measure, sequence_error
 
 TRUTH = np.array([[100.0, 50.0], [100.0, 150.0]])
 

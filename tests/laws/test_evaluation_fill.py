@@ -42,14 +42,7 @@ def run(
             raise KeyboardInterrupt
 
     return fill_run_folder(
-        folder / "out",
-        "scenes",
-        jobs(folder),
-        scheduled.scored,
-        schedule,
-        options=options,
-        last=last,
-        progress=tell,
+        folder / "out", "scenes", jobs(folder), scheduled.scored, schedule, options=options, last=last, progress=tell
     )
 
 

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack.geometry.contours import View
@@ -40,7 +40,6 @@ EXACT = 1e-9
 seeds = st.integers(0, 200)
 objects = st.sampled_from(OBJECTS)
 kinds = st.sampled_from(["corresponding", "resampled", "pixel chain"])
-SOME = settings(max_examples=15, deadline=None)
 
 
 @cache
@@ -53,7 +52,6 @@ def measured(course) -> list[ErrorMeasure]:
     return list(course.answered)
 
 
-@SOME
 @given(objects, kinds, st.sampled_from(MOTIONS), seeds)
 def test_rrp_comes_back_to_where_it_began_on_every_contour(name, kind, motion, seed):
     """Table VI, first column: within the grid of its places, and exactly where contacts can only be points."""
@@ -62,7 +60,6 @@ def test_rrp_comes_back_to_where_it_began_on_every_contour(name, kind, motion, s
     assert max(back) <= (0.0 if there.quantised else EXACT)
 
 
-@SOME
 @given(objects, seeds)
 def test_what_was_sampled_anew_does_not_hit_the_old_points(name, seed):
     """A new point lies a quarter of a side from the nearest old one on average, as far as chance has it."""
@@ -96,7 +93,6 @@ def test_on_chains_of_pixels_every_contact_is_one_of_their_points(strategy, moti
             assert isinstance(contacts, str) or set(map(tuple, contacts)) <= set(map(tuple, view.points))
 
 
-@SOME
 @given(
     objects, seeds, st.sampled_from(STRATEGIES), st.sampled_from(["first view", "last frame as prior", "carried on"])
 )
@@ -105,7 +101,6 @@ def test_all_strategies_are_exact_in_four_dof_where_contours_correspond(name, se
     assert max(e.maximum_px for e in measured(course)) < EXACT
 
 
-@SOME
 @given(objects, seeds)
 def test_the_homography_is_exact_on_contours_made_by_one(name, seed):
     """Table VII, last column: its zeros are a property of such contours, and of matches of whole samples.
@@ -121,7 +116,6 @@ def test_the_homography_is_exact_on_contours_made_by_one(name, seed):
     np.testing.assert_allclose(moved[:, :2] / moved[:, 2:], true[:, :2] / true[:, 2:], atol=1e-7)
 
 
-@SOME
 @given(objects, st.sampled_from(["corresponding", "resampled"]), seeds)
 def test_grasp_line_coordinates_stay_the_same_in_four_dof(name, kind, seed):
     """Table IV: over the root of the area, for the paper's form changes with scale."""
@@ -135,7 +129,6 @@ def test_grasp_line_coordinates_stay_the_same_in_four_dof(name, kind, seed):
         np.testing.assert_allclose(after[:4], before[:4], atol=1e-9 if kind == "corresponding" else 2e-4)
 
 
-@SOME
 @given(objects, seeds)
 def test_other_samples_of_the_same_curve_cost_what_their_spacing_allows(name, seed):
     """Contours sampled anew cut their corners: moments hardly notice, matched samples may be one apart."""
@@ -146,7 +139,6 @@ def test_other_samples_of_the_same_curve_cost_what_their_spacing_allows(name, se
     assert max(e.maximum_px for e in measured(transfer_and_measure(anew, "homography", "first view"))) < 2.0 * spacing
 
 
-@SOME
 @given(objects, seeds)
 def test_tilt_costs_the_strategies_of_four_dof_and_not_the_homography(name, seed):
     tilted = footage(name, "corresponding", "6 DoF", seed)

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.path import Path as Polygon
 
@@ -20,7 +20,7 @@ from grasptrack_bench.metrics.mask_agreement import (
     mask_boundary,
     mask_of,
 )
-from grasptrack_bench.simulation.render import pixel_coverage
+from grasptrack_bench.simulation.coverage import pixel_coverage
 from research.studies.segmentation import METHODS, largest_outline
 
 SHAPE = (120, 160)
@@ -53,7 +53,6 @@ def blobs(random: np.random.Generator) -> np.ndarray:
 
 
 @given(seeds)
-@settings(deadline=None, max_examples=50)
 def test_a_mask_holds_the_pixels_whose_centres_lie_inside(seed: int) -> None:
     polygon = star(np.random.default_rng(seed))
     centres = np.column_stack([X.ravel(), Y.ravel()])
@@ -75,7 +74,6 @@ def test_overlap_of_two_rectangles() -> None:
 
 
 @given(seeds, st.floats(0.0, 8.0))
-@settings(deadline=None, max_examples=50)
 def test_measures_are_symmetric_within_bounds_and_one_for_equals(seed: int, tolerance: float) -> None:
     random = np.random.default_rng(seed)
     a, b = blobs(random), blobs(random)
@@ -86,7 +84,6 @@ def test_measures_are_symmetric_within_bounds_and_one_for_equals(seed: int, tole
 
 
 @given(seeds, st.integers(-6, 6), st.integers(-6, 6))
-@settings(deadline=None, max_examples=60)
 def test_a_shift_within_the_tolerance_costs_nothing(seed: int, dx: int, dy: int) -> None:
     mask = blobs(np.random.default_rng(seed)) & disc(80, 60, 45)
     f = boundary_f(mask, np.roll(mask, (dy, dx), axis=(0, 1)), tolerance=math.hypot(dx, dy))

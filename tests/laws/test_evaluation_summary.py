@@ -14,15 +14,7 @@ import pytest
 
 from grasptrack.errors import InputError
 from grasptrack_bench.metrics.integrity import Measures, compute_measures, risk_coverage
-from grasptrack_bench.metrics.summary import (
-    ALL,
-    APART,
-    PER_CASE,
-    risk_area,
-    summarise_run,
-    worst_frames,
-    write_summary,
-)
+from grasptrack_bench.metrics.summary import ALL, APART, PER_CASE, risk_area, summarise_run, worst_frames, write_summary
 from grasptrack_bench.records import write_records
 from grasptrack_bench.run_folder import CASES, Case, read_run
 from reported import DISTURBANCES, METHODS, SHAPES, lost, made_up, real, scenes, write_index

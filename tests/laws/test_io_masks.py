@@ -34,7 +34,7 @@ def folders(tmp_path: Path, frames: list[str], masks: list[str]) -> tuple[Path, 
 def columns(frames: Path, masks: Path) -> list[int]:
     source = open_source(frames)
     found = open_masks(masks, source)
-    return [int(found.mask(frame).any(axis=0).argmax()) for frame in source]
+    return [int(found.mask_for(frame).any(axis=0).argmax()) for frame in source]
 
 
 def test_by_name_even_when_the_order_differs_and_masks_are_left_over(tmp_path: Path) -> None:

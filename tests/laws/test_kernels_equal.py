@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import _grasptrack_native as native
@@ -33,7 +33,6 @@ def same(name, *args, atol=1e-9):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=atol)
 
 
-@settings(max_examples=40, deadline=None)
 @given(outlines())
 def test_curve_kernels(outline):
     points, offsets, rng = outline
@@ -47,7 +46,6 @@ def test_curve_kernels(outline):
         same("resample", contour, int(rng.integers(1, 100)), smooth)
 
 
-@settings(max_examples=40, deadline=None)
 @given(outlines())
 def test_outline_kernels(outline):
     points, offsets, rng = outline
@@ -63,7 +61,6 @@ def test_outline_kernels(outline):
         same("contact_frames", points, offsets, places, width)
 
 
-@settings(max_examples=40, deadline=None)
 @given(outlines(), outlines())
 def test_grasp_line_kernels(first, second):
     points, offsets, rng = first
@@ -82,7 +79,6 @@ def test_grasp_line_kernels(first, second):
                 np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 5))
 def test_grasp_kernels(seed, k):
     rng = np.random.default_rng(seed)
@@ -98,7 +94,6 @@ def test_grasp_kernels(seed, k):
     )
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([np.uint8, np.float32]), st.sampled_from([-1, 0, 1]))
 def test_edge_search(seed, kind, polarity):
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import _grasptrack_native as native
@@ -63,7 +63,6 @@ def test_lines_touch_and_cross():
     assert all(math.isnan(v) for v in nearest_crossings(step, whole(step), 9, 9, 1, 0, 0, 1))
 
 
-@settings(max_examples=30, deadline=None)
 @given(stars(), similarities(), st.integers(1, 200))
 def test_similarity_and_first_point(points, H, start):
     scale, turn = scale_and_turn(H)
@@ -91,7 +90,6 @@ def test_similarity_and_first_point(points, H, start):
     np.testing.assert_allclose(other[:, 2:], frame[:, 2:], atol=1e-6)
 
 
-@settings(max_examples=20, deadline=None)
 @given(blobs(), st.floats(5.0, 40.0))
 def test_frames_depend_on_the_curve_not_on_its_sampling(points, width):
     finer = np.concatenate(
@@ -106,7 +104,6 @@ def test_frames_depend_on_the_curve_not_on_its_sampling(points, width):
     assert np.hypot(*(inward[0] - centre)) < np.hypot(*(inward[0] - 4.0 * a[0, :2] - centre))
 
 
-@settings(max_examples=20, deadline=None)
 @given(blobs(), st.integers(3, 400), st.floats(0.0, 30.0))
 def test_resample_stays_near_the_curve(points, count, smooth):
     out = kernels.resample(points, count, smooth)
@@ -116,7 +113,6 @@ def test_resample_stays_near_the_curve(points, count, smooth):
     assert kernels.project_to_contour(points, whole(points), out)[:, 2].max() <= smooth / 4 + 1e-9
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_homography_of_four_points_is_exact(seed):
     rng = np.random.default_rng(seed)

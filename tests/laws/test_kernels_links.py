@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import _grasptrack_native as native
@@ -13,7 +13,6 @@ from grasptrack import kernels
 RULES = (60.0, np.radians(25.0), np.radians(70.0))
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(8, 70), st.integers(8, 70), st.integers(0, 10_000), st.floats(0.02, 0.3))
 def test_native_equals_reference(height, width, seed, share):
     rng = np.random.default_rng(seed)

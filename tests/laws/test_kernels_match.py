@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import _grasptrack_native as native
@@ -26,7 +26,6 @@ def with_normals(points):
     return points, reference.blend_normals(points), np.array([0, len(points)])
 
 
-@settings(max_examples=15, deadline=None)
 @given(st.one_of(stars(count=120), blobs(count=120)), st.integers(0, 1000))
 def test_starts_are_alike(points, seed):
     points = np.ascontiguousarray(points)
@@ -37,7 +36,6 @@ def test_starts_are_alike(points, seed):
     np.testing.assert_allclose(got[:, 0], wanted[:, 0], atol=1e-7)
 
 
-@settings(max_examples=15, deadline=None)
 @given(st.one_of(stars(count=120), blobs(count=120)), st.integers(0, 1000), st.floats(2.0, 400.0))
 def test_gaps_are_alike(points, seed, reach):
     rng = np.random.default_rng(seed)
@@ -48,7 +46,6 @@ def test_gaps_are_alike(points, seed, reach):
     np.testing.assert_allclose(native.outline_gaps(*arguments), reference.outline_gaps(*arguments), atol=1e-9)
 
 
-@settings(max_examples=15, deadline=None)
 @given(stars(count=120), st.integers(0, 1000))
 def test_laying_is_alike(points, seed):
     points = np.ascontiguousarray(points)

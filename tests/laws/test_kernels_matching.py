@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import _grasptrack_native as kernels
@@ -15,15 +15,12 @@ from grasptrack.kernels.results import CurvatureVector, MatchWindow
 from outlines import blobs, frame_motions, stars
 from reference.transfer import curvature_peaks
 
-FEW = settings(max_examples=40, deadline=None)
-
 
 def vectors(points):
     arc = reference.arc_length(points)
     return reference.curvature_vector(points, None, 0.012).curvature, arc
 
 
-@FEW
 @given(st.one_of(stars(), blobs()), st.floats(0.0, 8.0))
 def test_peaks(points, prominence):
     v, arc = vectors(points)
@@ -33,7 +30,6 @@ def test_peaks(points, prominence):
     assert not set(found.peaks) & set(range(4, 10))
 
 
-@FEW
 @given(blobs(count=400), st.integers(0, 1000), st.floats(0.5, 4.0))
 def test_peaks_among_very_many_crests(points, seed, prominence):
     v, arc = vectors(points)
@@ -43,7 +39,6 @@ def test_peaks_among_very_many_crests(points, seed, prominence):
     assert found.peaks == reference.select_points(points, arc, v, 0.03 * arc[-1], prominence).peaks
 
 
-@FEW
 @given(st.one_of(stars(), blobs()), st.integers(0, 299), st.booleans())
 def test_curvature_vectors_and_the_points_selected_by_them(points, cut, clip):
     n = len(points)
@@ -64,7 +59,6 @@ def test_curvature_vectors_and_the_points_selected_by_them(points, cut, clip):
         assert triangle == pytest.approx(wanted_triangle)
 
 
-@FEW
 @given(stars(), frame_motions(), st.lists(st.integers(0, 290), min_size=4, max_size=4, unique=True))
 def test_homographies_of_samples_and_contacts_carried_by_them(points, H, samples):
     current, offsets = apply_homography(H, points), np.array([0, len(points)])
@@ -99,7 +93,6 @@ def test_contacts_without_a_crossing_of_their_own_are_told():
         assert module.distortion(np.diag([20.0, 1, 1]), square)[2] == pytest.approx(20)
 
 
-@FEW
 @given(st.integers(0, 8), st.integers(0, 1000))
 def test_quadrilateral(count, seed):
     rng = np.random.default_rng(seed)
@@ -109,7 +102,6 @@ def test_quadrilateral(count, seed):
     assert found.triangle == pytest.approx(wanted.triangle)
 
 
-@FEW
 @given(blobs(), stars(count=211))
 def test_alignment(first, second):
     arguments = (first, reference.arc_length(first), second, reference.arc_length(second))
@@ -119,7 +111,6 @@ def test_alignment(first, second):
         np.testing.assert_allclose(found, wanted, atol=1e-9)
 
 
-@FEW
 @given(st.one_of(stars(), blobs()), frame_motions(), st.integers(0, 299), st.booleans())
 def test_eq_3(points, H, start, gap):
     moved = np.roll(apply_homography(H, points), start, axis=0)
@@ -178,7 +169,6 @@ def test_a_place_rounded_to_the_end_is_the_first():
             assert 0.0 <= backend.match_curvature(*arguments).places[0] < len(points)
 
 
-@FEW
 @given(stars(count=80), frame_motions(), st.lists(st.floats(0.0, 79.99), min_size=4, max_size=4))
 def test_homography_of_places_between_samples(points, H, places):
     moved, indices = apply_homography(H, points), [int(place) for place in places]
@@ -191,7 +181,6 @@ def test_homography_of_places_between_samples(points, H, places):
     np.testing.assert_allclose(found.H, wanted.H, rtol=1e-6, atol=1e-6 * np.abs(wanted.H).max())
 
 
-@FEW
 @given(stars(), st.floats(0.5, 4.0))
 def test_curvature_may_refer_to_another_length(points, share):
     """Twice the length is twice the smoothing and twice the number."""
@@ -221,7 +210,6 @@ def test_bad_arguments():
         kernels.align_outlines(np.eye(2), np.zeros(3), np.eye(2), np.zeros(3), 2, 0.1)
 
 
-@FEW
 @given(stars(count=60), frame_motions(), st.integers(0, 1000))
 def test_normals_are_carried(points, H, seed):
     rng = np.random.default_rng(seed)

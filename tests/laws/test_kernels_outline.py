@@ -4,7 +4,7 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import _grasptrack_native as native
@@ -24,7 +24,6 @@ def picture(points, seed):
     return image, max(chains, key=cv2.contourArea).reshape(-1, 2)
 
 
-@settings(max_examples=25, deadline=None)
 @given(stars(), st.integers(0, 1000), st.booleans(), st.sampled_from([1, -1, 0]), st.booleans())
 def test_native_equals_reference(points, seed, hole, polarity, cover):
     image, chain = picture(points, seed)

@@ -14,7 +14,6 @@ import reference
 from posed import (
     CENTRE,
     CONTACTS,
-    FEW,
     HEIGHT,
     NOISY,
     NUISANCE_COVARIANCE,
@@ -45,14 +44,25 @@ from reference.registration.objective import outline_evidence
 
 
 def test_answers_make_their_objective_least_and_have_its_curvature() -> None:
-    """What does not settle, as where a cover may be the object's edge, says so by its covariance; a thousand: `test_poses`."""
-    left = [what_is_left(seed) for seed in range(20)]
-    assert sum(one.agrees for one in left) >= 17 and max(one.deviations for one in left) < 3.0
+    """What does not settle, as where a cover may be the object's edge, says so by its covariance."""
+    left = [what_is_left(seed) for seed in range(6)]
+    assert sum(one.agrees for one in left) >= 5 and max(one.deviations for one in left) < 3.0
     assert np.median([one.px for one in left]) < 0.02
     assert 0.9 < np.median([one.narrow for one in left]) < 1.1
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.slow
+def test_a_thousand_answers_make_their_objective_least() -> None:
+    left = [what_is_left(seed) for seed in range(1000)]
+    px, deviations, narrow = np.array(left).T
+    assert np.mean([one.agrees for one in left]) > 0.88
+    assert np.median(px) < 0.015 and np.quantile(px, 0.95) < 0.5
+    assert np.quantile(deviations, 0.98) < 3.5
+    assert 0.9 < np.median(narrow) < 1.05 and np.quantile(narrow, 0.01) > 0.4
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("seed", range(3))
 def test_derivatives_of_the_objective_are_those_of_what_is_measured(seed: int) -> None:
     """Each term moves with the pose as its J says: by finite differences of images, not of the model."""
     rng = np.random.default_rng(seed)
@@ -71,7 +81,7 @@ def test_derivatives_of_the_objective_are_those_of_what_is_measured(seed: int) -
         assert off < rtol, (name, off)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=5)
 @given(SEEDS, st.booleans())
 def test_evidence_of_an_outline(seed: int, covered: bool) -> None:
     """Of a part without thickness, at the answer: from the answer alone."""
@@ -100,19 +110,44 @@ def test_edges_are_as_wide_as_they_are_drawn(seed: int) -> None:
         assert still.look < 6.0
 
 
+@settings(max_examples=5)
+@given(SEEDS)
+def test_a_surface_that_lags_weighs_less(seed: int) -> None:
+    """All its patches share an error: the more of that, the less they tell."""
+    levels, made = pyramid(draw(view(np.random.default_rng(seed), 0.4), seed)), target(native, seed)
+    exact, nearly, some, much = (made.solve(**question(levels, lag=np.full(8, v))) for v in (0.0, 1e-12, 0.1, 1e9))
+    same([nearly.G, nearly.P], [exact.G, exact.P], rtol=1e-6, atol=1e-8)
+    sizes = [np.trace(e.covariance.sum(axis=0)) for e in (exact, some, much)]
+    assert sizes[0] < min(sizes[1:])
+
+
+@settings(max_examples=5)
+@given(SEEDS, st.floats(-6.0, 6.0), st.floats(2.0, 6.0))
+def test_what_an_encoder_left_as_it_was(seed: int, right: float, down: float) -> None:
+    """It is told by how far it ought to have moved; a new exposure repeats nothing, and what rests cannot tell."""
+    before, made = pyramid(draw(A, seed, noise=0.5)), target(native, seed)
+    G = np.array([[1.0, 0.0, right], [0.0, 1.0, down], [0.0, 0.0, 1.0]]) @ A
+    change, way = made.repeats(before, A, before, G)
+    assert change > 0 and way == pytest.approx(change * (right**2 + down**2))
+    assert made.repeats(before, A, pyramid(draw(G, seed, noise=0.5)), G).way == 0.0
+    assert made.repeats(before, A, before, A) == (0.0, 0.0)
+    with pytest.raises(ValueError, match="size"):
+        made.repeats(before[1:], A, before, G)
+
+
 # --- what is told of poses ----------------------------------------------------------------------------
 
 
-@FEW
 @given(SEEDS, st.floats(0.1, 50.0))
 def test_moves_and_pinholes(seed: int, size: float) -> None:
     rng = np.random.default_rng(seed)
     made, about = target(native, 0, 30), definition(0, 30)
     G, other, d, theta = view(rng, size), view(rng, size), size * rng.normal(size=8), rng.uniform(-1.0, 1.0, 3)
     P, Q = (spread @ spread.T + 0.01 * np.eye(8) for spread in rng.normal(size=(2, 8, 8)))
+    seen = G, theta, WIDTH, HEIGHT, float(rng.uniform(0.5, 2.0))
     same(made.moved(G, d), about.moved(G, d))
     same(made.difference(G, other), about.difference(G, other))
-    same(made.pinhole(G, theta, WIDTH, HEIGHT), pinhole_rows(about, G, theta, WIDTH, HEIGHT)[1:], atol=1e-7)
+    same(made.pinhole(*seen), pinhole_rows(about, *seen)[1:], atol=1e-7)
     same(made.placed(G, P), project_contacts(about, G, P))
     same(made.joined(G, P, other, Q), fuse_predictions(about, G, P, other, Q))
     points = CENTRE + rng.uniform(-400.0, 400.0, (int(rng.integers(0, 9)), 2))
@@ -131,7 +166,6 @@ def test_what_cannot_be_told_of_poses() -> None:
         native.seen_area(A, np.zeros(4))
 
 
-@FEW
 @given(SEEDS, st.lists(st.integers(0, 300), max_size=3), st.integers(1, 30))
 def test_evidence_of_surfaces(seed: int, counts: list[int], m: int) -> None:
     rng = np.random.default_rng(seed)
@@ -147,7 +181,6 @@ def test_evidence_of_surfaces(seed: int, counts: list[int], m: int) -> None:
             module.surface_evidence(r, usual, asked[2], np.zeros(m + 1), *asked[4:])
 
 
-@FEW
 @given(SEEDS, st.integers(0, 40), st.sampled_from([0, 1, 4, 30]), st.booleans())
 def test_edges(seed: int, n: int, reach: int, plain: bool) -> None:
     rng = np.random.default_rng(seed)
@@ -182,7 +215,6 @@ def spoiled(rng: np.random.Generator, arguments: list[Any]) -> list[Any]:
     return out
 
 
-@settings(max_examples=100, deadline=None)
 @given(SEEDS, st.integers(0, 4))
 def test_whatever_numbers_are_given_the_answer_is_a_pose_none_or_a_refusal(seed: int, which: int) -> None:
     rng = np.random.default_rng(seed)
@@ -230,7 +262,7 @@ def test_a_pose_before_that_is_none_says_nothing_of_the_speed() -> None:
 
 
 def test_a_camera_that_does_not_show_the_reference_has_no_misfit() -> None:
-    misfit, by_pose, by_camera = target(native, 0, 30).pinhole(A, np.array([0.0, 1e3, 0.0]), 1000.0, 120.0)
+    misfit, by_pose, by_camera = target(native, 0, 30).pinhole(A, np.array([0.0, 1e3, 0.0]), 1000.0, 120.0, 1.0)
     assert np.isnan(misfit).all() and not by_pose.any() and not by_camera.any()
 
 
@@ -249,7 +281,8 @@ def test_what_is_refused() -> None:
     good = native.PoseTarget(*made)
     for wrong in (
         {"G": np.eye(2)}, {"P": np.eye(9)}, {"last": np.eye(4)}, {"bend": np.zeros(8)}, {"nuisance": np.zeros(2)},
-        {"nuisance_covariance": np.zeros(8)}, {"levels": []},
+        {"nuisance_covariance": np.zeros(8)}, {"levels": []}, {"lag": np.zeros(7)}, {"lag": np.full(8, np.nan)},
+        {"aspect": 0.0},
     ):  # fmt: skip
         with pytest.raises(ValueError):
             good.solve(**question(levels) | wrong)

@@ -11,7 +11,6 @@ from hypothesis import given
 
 from posed import (
     CONTACTS,
-    FEW,
     FREE,
     NOISY,
     SEEDS,
@@ -56,6 +55,7 @@ def test_a_bend_that_is_known_moves_no_pose(seed: int, textured: bool) -> None:
     assert known_.edge_sigma < unknown.edge_sigma
 
 
+@pytest.mark.sampled(12)
 @NOISY
 @pytest.mark.parametrize("textured", [True, False])
 @pytest.mark.parametrize("share", [-SHARE, 0.0, SHARE])
@@ -103,7 +103,6 @@ def bent_by(k: int, place: Floats) -> Floats:
     return bent(bend, place[None])[0]
 
 
-@FEW
 @given(SEEDS)
 def test_what_does_not_bend_tells_nothing(seed: int) -> None:
     """Nor does a bend that a pose's error makes as well."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from grasptrack.servo.camera import apply_twist, pose_of, rotation_matrix
@@ -27,7 +27,6 @@ from grasptrack.servo.model import (
 from grasptrack.servo.observation import Observation, ObservationStack
 
 DOWN = rotation_matrix((np.pi, 0.0, 0.0))
-FEW = settings(max_examples=40, deadline=None)
 CASES = {"seed": st.integers(0, 2**32 - 1), "n": st.integers(2, 7)}
 
 
@@ -76,7 +75,6 @@ def story(rng: np.random.Generator, n: int, N: int, wrong: int = 0, exact: bool 
     return origin, np.diag(deviations(n) ** -2.0), hands, later, points, noise, truth
 
 
-@FEW
 @given(**CASES)
 def test_what_lies_behind_the_camera(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
@@ -90,7 +88,6 @@ def test_what_lies_behind_the_camera(seed: int, n: int) -> None:
     assert size == np.inf and (after == origin).all() and (left == covariance).all()
 
 
-@FEW
 @given(**CASES)
 def test_a_step_and_the_difference_undo_each_other(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
@@ -98,7 +95,6 @@ def test_a_step_and_the_difference_undo_each_other(seed: int, n: int) -> None:
     assert np.abs(state_difference(state, retract_state(state, step)) - step).max() < 1e-9
 
 
-@FEW
 @given(**CASES)
 def test_what_goes_on_twice_goes_on_once(seed: int, n: int) -> None:
     """Two spans of time are as good as one; the object goes where a later image expects it, and nothing is known better."""
@@ -117,7 +113,6 @@ def test_what_goes_on_twice_goes_on_once(seed: int, n: int) -> None:
     assert unknown.min() > -1e-12
 
 
-@FEW
 @given(**CASES)
 def test_what_a_filter_learns_adds_up(seed: int, n: int) -> None:
     """Without doubt in outliers the inverse of the covariance grows by H'R^-1 H, and the state by what that makes likeliest."""
@@ -135,7 +130,6 @@ def test_what_a_filter_learns_adds_up(seed: int, n: int) -> None:
     assert np.abs((information @ step - weighed.T @ off) / scale).max() < 1e-5 * (1.0 + np.abs(off).max())
 
 
-@FEW
 @given(**CASES)
 @example(seed=397, n=3)  # where a first step would tip the object's plane over
 @example(seed=480, n=4)
@@ -150,7 +144,6 @@ def test_a_search_explains_what_was_seen_although_some_is_wrong(seed: int, n: in
     assert np.abs(pixels - points)[8:].max() < 0.3
 
 
-@FEW
 @given(**CASES)
 def test_a_search_that_goes_on_ends_where_a_long_one_does(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)

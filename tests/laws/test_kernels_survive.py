@@ -37,6 +37,7 @@ def test_each_parameter_of_each_kernel_has_a_good_argument_that_is_taken() -> No
             assert judge_call(Call(name, arguments, made), module) == "answered", name
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
 def test_what_was_found_stays_mended(path: Path) -> None:
     case = read_case(path)
@@ -51,22 +52,22 @@ def test_what_was_found_stays_mended(path: Path) -> None:
 
 
 def test_calls_with_odd_arguments() -> None:
-    ran = run_trials(lambda index: judge_call(draw_call(2, index), native), 0, 3000, PATIENT)
+    ran = run_trials(lambda index: judge_call(draw_call(2, index), native), 0, 1000, PATIENT)
     assert not ran.findings, ran.findings
-    assert ran.outcomes["answered"] > 1000 and ran.outcomes["refused"] > 1000
+    assert ran.outcomes["answered"] > 300 and ran.outcomes["refused"] > 300
 
 
 def test_degenerate_contours() -> None:
-    ran = run_trials(lambda index: judge_number(2, index), 0, 1000, PATIENT)
+    ran = run_trials(lambda index: judge_number(2, index), 0, 300, PATIENT)
     assert not ran.findings, ran.findings
-    assert ran.outcomes["carried"] > 100 and ran.outcomes["refused"] > 100
+    assert ran.outcomes["carried"] > 30 and ran.outcomes["refused"] > 30
 
 
 def test_kernels_refuse_what_their_definitions_refuse() -> None:
     # a width of which rounding makes nothing; shares of any shape; regions below 0, of which NumPy has no root
     differ = {"contact_frames", "surface_evidence", "rank_grasps"}
     apart, compared = [], 0
-    for index in range(1900):
+    for index in range(800):
         call = draw_call(3, index)
         # the class is declared, and refuses what test_kernels_pose says
         if (
@@ -85,7 +86,7 @@ def test_kernels_refuse_what_their_definitions_refuse() -> None:
         compared += 1
         if end != (other := judge_call(call, reference)):
             apart.append((index, call.kernel, end, other))
-    assert not apart and compared > 1000, (apart, compared)
+    assert not apart and compared > 400, (apart, compared)
 
 
 def test_a_trial_that_dies_or_hangs_is_named_and_the_others_go_on() -> None:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import _grasptrack_native as native
@@ -14,8 +14,6 @@ import reference
 from grasptrack import kernels
 from grasptrack.kernels.results import RankedCandidates, RankingLimits, WrenchSpace
 from reference.grasp import LEAST_EPSILON
-
-FEW = settings(max_examples=20, deadline=None)
 
 
 @st.composite
@@ -43,7 +41,6 @@ def both(name, *args):
     return got
 
 
-@FEW
 @given(wavy(), st.floats(0.1, 1.0), st.sampled_from([1, 4, 8]))
 def test_opposed_pairs_are_the_best_of_every_two_groups(outline, friction, group):
     points, normals, usable, _, _, _, rng = outline
@@ -59,7 +56,6 @@ def test_opposed_pairs_are_the_best_of_every_two_groups(outline, friction, group
         assert math.tan(angle) == pytest.approx(least, abs=1e-9)
 
 
-@FEW
 @given(wavy(), st.floats(0.2, 1.0))
 def test_closing_triples_close(outline, friction):
     points, normals, _, _, _, _, rng = outline
@@ -72,7 +68,6 @@ def test_closing_triples_close(outline, friction):
         assert (way * (n * (at.mean(axis=0) - at)).sum(axis=1) > 0).all()
 
 
-@FEW
 @given(wavy(), st.floats(2.0, 40.0), st.floats(0.0, 60.0))
 def test_finger_rooms(outline, width, depth):
     points, _, _, offsets, _, places, rng = outline
@@ -116,7 +111,6 @@ def test_a_tilted_edge_protrudes():
         assert found[0] == pytest.approx(5 * math.tan(tilt), rel=1e-6) and found[1] == math.inf
 
 
-@FEW
 @given(wavy(), st.floats(0.3, 1.0), st.sampled_from([2, 3]), st.floats(0.0, 60.0), st.integers(0, 30))
 def test_ranking_is_exact_and_distinct(outline, friction, fingers, gap, top):
     points, normals, usable, starts, steps, _, rng = outline

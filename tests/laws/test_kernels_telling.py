@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
 from grasptrack_bench.simulation import DISTURBANCES, SHAPES
-from posed import FEW, SEEDS
+from posed import SEEDS
 from reference.registration.objective import beyond_noise
 
 N = 300
@@ -58,7 +58,6 @@ def of_turn(E: Floats) -> float:
     return 4.0 / float(TURN @ covariance @ TURN)
 
 
-@FEW
 @given(SEEDS, st.floats(0.005, 0.05))
 def test_of_noise_alone_a_disc_does_not_tell_how_far_it_turned(seed: int, noise: float) -> None:
     _, own, along = disc(np.random.default_rng(seed), noise)
@@ -67,7 +66,6 @@ def test_of_noise_alone_a_disc_does_not_tell_how_far_it_turned(seed: int, noise:
     assert is_told < 1e-4 * seemed
 
 
-@FEW
 @given(SEEDS, st.floats(0.005, 0.05))
 def test_what_a_shape_tells_remains(seed: int, noise: float) -> None:
     """A gear's normals go to and fro: its turn is told, and so is the place of the disc."""
@@ -81,7 +79,6 @@ def test_what_a_shape_tells_remains(seed: int, noise: float) -> None:
     assert told > 0.9 * (TURN @ own[:8, :8] @ TURN)
 
 
-@FEW
 @given(SEEDS, st.floats(0.001, 0.5))
 def test_nothing_is_told_that_was_not(seed: int, noise: float) -> None:
     _, own, along = disc(np.random.default_rng(seed), 0.02)
@@ -94,6 +91,7 @@ def test_nothing_is_told_that_was_not(seed: int, noise: float) -> None:
     assert np.array_equal(beyond_noise(own, np.zeros((8, 8)), noise**2), np.eye(9))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", [1, 2, 7])
 def test_a_half_disc_that_slides_along_itself_is_not_followed_astray(seed: int) -> None:
     """A homography carries circle and chord onto themselves: in noise each image seemed to say that nothing had slid."""

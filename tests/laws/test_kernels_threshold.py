@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import _grasptrack_native as native
@@ -11,7 +11,6 @@ import reference
 from grasptrack import kernels
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(3, 40), st.integers(3, 40), st.integers(0, 10_000), st.floats(-5, 260), st.sampled_from([1, -1]))
 def test_native_equals_reference(height, width, seed, level, polarity):
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from closure import programme
@@ -23,7 +23,6 @@ def grasps(draw, fingers=(2, 5)):
     return contacts, np.column_stack([np.cos(lean), np.sin(lean)]), float(rng.uniform(0.0, 1.2))
 
 
-@settings(max_examples=80, deadline=None)
 @given(grasps())
 def test_closure_agrees_with_a_linear_programme(grasp):
     contacts, normals, friction = grasp
@@ -34,7 +33,6 @@ def test_closure_agrees_with_a_linear_programme(grasp):
     assert (epsilon > 1e-9) == (math.atan(friction) > angle + 1e-8)
 
 
-@settings(max_examples=40, deadline=None)
 @given(grasps(), st.floats(0.0, 1.0))
 def test_more_friction_never_hurts(grasp, more):
     contacts, normals, friction = grasp
@@ -45,7 +43,6 @@ def test_more_friction_never_hurts(grasp, more):
         assert high >= low - 1e-9
 
 
-@settings(max_examples=40, deadline=None)
 @given(grasps(), st.floats(-3, 3), st.floats(0.1, 10))
 def test_unchanged_by_similarities(grasp, turn, scale):
     contacts, normals, friction = grasp

@@ -86,10 +86,10 @@ def test_an_image_is_encoded_once_and_sent_once(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(frames, "encode_jpeg", counted)
     painter = Painter()
-    first = painter.message(shown_of(1, 1), 0)
-    again = painter.message(shown_of(1, 1), 0)
-    known = painter.message(shown_of(1, 2), 1)
-    other = painter.message(shown_of(2, 3), 1)
+    first = painter.message_for(shown_of(1, 1), 0)
+    again = painter.message_for(shown_of(1, 1), 0)
+    known = painter.message_for(shown_of(1, 2), 1)
+    other = painter.message_for(shown_of(2, 3), 1)
     assert first == again and encoded == [10, 20]
     lengths = [struct.unpack(">I", message[:4])[0] for message in (first, known, other)]
     assert len(known) == 4 + lengths[1]
@@ -107,19 +107,19 @@ def test_pages_that_ask_now_and_then_miss_no_point_of_the_last(
         values = (math.degrees(margin) if math.isfinite(margin) else margin, confidence, latency)
         expected.append((*(v if math.isfinite(v) else None for v in values), "tracked"))
         if k in asked:
-            count, new = curves.since(count)
+            count, new = curves.points_since(count)
             assert count == k + 1
             seen += new
-    count, new = curves.since(count)
+    count, new = curves.points_since(count)
     seen += new
-    assert count == len(added) and seen[-KEPT:] == expected[-KEPT:] == curves.since(0)[1]
-    assert curves.since(count) == (count, [])
+    assert count == len(added) and seen[-KEPT:] == expected[-KEPT:] == curves.points_since(0)[1]
+    assert curves.points_since(count) == (count, [])
 
 
 def test_each_page_is_sent_the_points_that_it_lacks() -> None:
     painter, point = Painter(), CurvePoint(None, 1.0, 2.5, "lost")
     for points in ([], [point], [point, point]):
-        message = painter.message(shown_of(1, 1), 1, points)
+        message = painter.message_for(shown_of(1, 1), 1, points)
         content = json.loads(message[4 : 4 + struct.unpack(">I", message[:4])[0]])
         assert content["curves"] == [[None, 1.0, 2.5, "lost"]] * len(points) and content["image"] == 1
 

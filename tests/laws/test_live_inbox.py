@@ -24,13 +24,13 @@ def arrival(index: int, size: tuple[int, int] = (2, 2)) -> Arrival:
 def test_commands_come_in_order_and_before_images_and_only_the_newest_image_stays(told: list[int], images: int) -> None:
     inbox = Inbox()
     for k in range(images):
-        inbox.replace(arrival(k))
+        inbox.replace_image(arrival(k))
     for word in told:
         inbox.tell(word)
-    assert [inbox.take(True, 0.0) for _ in told] == told
-    left = inbox.take(True, 0.0)
+    assert [inbox.take_next(True, 0.0) for _ in told] == told
+    left = inbox.take_next(True, 0.0)
     assert (left.frame.index if left is not None else None) == (images - 1 if images else None)
-    assert inbox.take(True, 0.0) is None
+    assert inbox.take_next(True, 0.0) is None
 
 
 def test_every_image_of_a_file_is_taken_once() -> None:
@@ -43,7 +43,7 @@ def test_every_image_of_a_file_is_taken_once() -> None:
     reader = threading.Thread(target=read)
     reader.start()
     while len(taken) < 50:
-        taken.append(inbox.take(True, 10.0).frame.index)
+        taken.append(inbox.take_next(True, 10.0).frame.index)
     reader.join(10.0)
     assert taken == list(range(50))
 
@@ -51,12 +51,12 @@ def test_every_image_of_a_file_is_taken_once() -> None:
 def test_an_image_that_nobody_wants_waits_and_a_closed_inbox_keeps_nobody_waiting() -> None:
     inbox, answers = Inbox(), list[bool]()
     assert inbox.hand_over(arrival(0))
-    assert inbox.take(False, 0.01) is None
+    assert inbox.take_next(False, 0.01) is None
     reader = threading.Thread(target=lambda: answers.append(inbox.hand_over(arrival(1))))
     reader.start()
     inbox.close()
     reader.join(10.0)
-    assert answers == [False] and inbox.take(True, 10.0) is None
+    assert answers == [False] and inbox.take_next(True, 10.0) is None
 
 
 def test_too_many_commands_are_refused_but_helpers_answers_are_not() -> None:
@@ -66,7 +66,7 @@ def test_too_many_commands_are_refused_but_helpers_answers_are_not() -> None:
     with pytest.raises(InputError, match="too many"):
         inbox.tell(MOST)
     inbox.tell("answer", bounded=False)
-    assert [inbox.take(False, 0.0) for _ in range(MOST + 1)][-1] == "answer"
+    assert [inbox.take_next(False, 0.0) for _ in range(MOST + 1)][-1] == "answer"
 
 
 @pytest.mark.parametrize(("side", "most"), [(10, HELD), (4000, HELD_BYTES // 4000**2), (9000, 2)])
@@ -74,6 +74,6 @@ def test_kept_images_are_the_last_ones_within_their_bounds(side: int, most: int)
     kept, one = KeptImages(), arrival(0, (side, side))
     for image in range(1, 2 * HELD):
         kept.add(image, one)
-    assert kept.get(2 * HELD - most) is one
+    assert kept.get_image(2 * HELD - most) is one
     with pytest.raises(InputError, match="not kept"):
-        kept.get(2 * HELD - most - 1)
+        kept.get_image(2 * HELD - most - 1)

@@ -64,6 +64,7 @@ def test_clicks_beside_the_corners_give_the_outline(off: float, seed: int) -> No
     assert farthest(CORNERS, outline) <= 2.5  # the pixel grid cuts a corner that is blurred
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("size", [(1280, 720), (1920, 1080)])
 def test_a_large_image_gives_the_outline_to_two_px_of_the_reduced_one(size: tuple[int, int]) -> None:
     shrink = -(-size[0] // 800)
@@ -71,6 +72,7 @@ def test_a_large_image_gives_the_outline_to_two_px_of_the_reduced_one(size: tupl
     assert farthest(outline, corners_of(size)) <= 2.0 * shrink
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("levels", LEVELS)
 def test_any_kind_of_image_will_do_and_the_outline_is_taken_by_the_first_look(levels: tuple[int, int]) -> None:
     grey = scene(levels=levels)
@@ -97,7 +99,7 @@ def test_colour_alone_guides_it() -> None:
 inside = st.tuples(st.integers(0, 639), st.integers(0, 479))
 
 
-@settings(max_examples=12, deadline=None)
+@pytest.mark.slow
 @given(places=st.lists(inside, min_size=2, max_size=4), snap=st.booleans())
 def test_a_path_ends_at_its_clicks_and_makes_no_leap(places: list[tuple[int, int]], snap: bool) -> None:
     wire = wire_of(1) if snap else gt.LiveWire(scene(seed=1), snap=0.0)

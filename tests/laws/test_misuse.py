@@ -116,6 +116,7 @@ OWN_CODE = {("GraspTracker", "choose", "a type"), ("GraspTracker", "segmenter", 
 """A function or class of the caller's is called, and its errors are the caller's."""
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", CALLS)
 def test_a_misuse_is_an_error_of_this_package(name: str) -> None:
     function, parameters = CALLS[name]

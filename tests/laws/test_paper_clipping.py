@@ -12,15 +12,12 @@ from research.paper.clipping import CLIPPED, clip_polygon, clipped_footage
 from research.paper.footage import OBJECTS, make_part
 from research.paper.transfers import transfer_and_measure
 
-SOME = settings(max_examples=15, deadline=None)
-
 
 def area(points):
     x, y = points.T
     return 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
 
 
-@SOME
 @given(st.integers(0, 2**31), st.floats(0.0, 6.28), st.floats(-0.9, 0.9))
 @example(236, 0.5, 0.890625)  # all of it lies on one side
 def test_both_sides_of_a_border_together_are_the_whole(seed, angle, border):
@@ -43,7 +40,7 @@ def test_what_a_border_leaves_in_pieces_is_told():
     assert clip_polygon(u, np.array([0.0, -1.0]), -3.0)[1] is None  # the legs left alone
 
 
-@SOME
+@settings(max_examples=2)
 @given(st.sampled_from(OBJECTS), st.integers(0, 20))
 def test_each_frame_hides_one_per_cent_more_and_leaves_the_contacts(name, seed):
     part = make_part(name, seed)
@@ -63,7 +60,7 @@ def test_each_frame_hides_one_per_cent_more_and_leaves_the_contacts(name, seed):
 def test_the_last_frame_is_what_makes_the_homography_answer_there():
     asked = alone = following = 0
     for name in OBJECTS:
-        for seed in range(4):
+        for seed in range(1):
             seen = clipped_footage(make_part(name, seed), seed)
             if seen is None:
                 continue
@@ -75,4 +72,4 @@ def test_the_last_frame_is_what_makes_the_homography_answer_there():
             asked += len(pairs)
             alone += sum(not isinstance(e, str) for e in pairs)
             following += sum(not isinstance(e, str) for e in tracked)
-    assert asked > 100 and alone == 0 and following > 0.3 * asked
+    assert asked > 25 and alone == 0 and following > 0.3 * asked

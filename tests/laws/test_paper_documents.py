@@ -108,6 +108,7 @@ def test_the_script_keeps_the_tables_and_fills_the_pages(folder, tmp_path, monke
 # --- the kept run is one of this code ------------------------------------------------------------
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("number", "motion", "kind"),
     [(2, "4 DoF", "resampled"), (7, "6 DoF", "pixel chain"), (10, "approach", "resampled")],

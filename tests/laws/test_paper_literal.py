@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack import kernels
@@ -14,17 +14,10 @@ from grasptrack.geometry.homographies import apply_homography, similarity_transf
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer import grasp_line, rrp
 from grasptrack.transfer.homography import NEIGHBOURHOOD, SEARCH, SMOOTHING
-from grasptrack_bench.baselines.literal import (
-    PAPER,
-    LiteralGraspLine,
-    LiteralHomography,
-    LiteralRRP,
-    match_by_samples,
-)
+from grasptrack_bench.baselines.literal import PAPER, LiteralGraspLine, LiteralHomography, LiteralRRP, match_by_samples
 from grasptrack_bench.simulation import SHAPES
 from research.paper.footage import OBJECTS, ideal_footage, make_part, moved_curves, sample_view
 
-SOME = settings(max_examples=25, deadline=None)
 objects = st.sampled_from(OBJECTS)
 seeds = st.integers(0, 50)
 
@@ -37,7 +30,6 @@ def moved_part(name, scale, turn, start=0.0):
     return part, sample_view(moved_curves(part, H), starts), apply_homography(H, part.contacts)
 
 
-@SOME
 @given(objects, seeds)
 def test_rrp_names_the_nearest_sample_by_whole_numbers(name, seed):
     part = make_part(name, seed)
@@ -61,7 +53,6 @@ def test_rrp_refuses_contours_of_other_counts():
         LiteralRRP().apply(found, part.reference.outer)
 
 
-@SOME
 @given(objects, seeds)
 def test_the_grasp_line_is_that_which_the_paper_prints(name, seed):
     part = make_part(name, seed)
@@ -70,7 +61,6 @@ def test_the_grasp_line_is_that_which_the_paper_prints(name, seed):
     assert (found.d_c, math.degrees(found.alpha_m), found.d_1, found.d_2) == pytest.approx(printed, rel=1e-12)
 
 
-@SOME
 @given(objects, st.floats(0.6, 1.8), st.floats(-1.2, 1.2))
 def test_distances_over_the_area_are_not_invariant_to_scale(name, scale, turn):
     """Over its root they are; without a change of scale both are the same."""
@@ -88,7 +78,6 @@ def test_distances_over_the_area_are_not_invariant_to_scale(name, scale, turn):
         assert off[False][0] > 1.0
 
 
-@SOME
 @given(objects, seeds)
 def test_the_four_peaks_are_the_four_highest(name, seed):
     part = make_part(name, seed)
@@ -113,7 +102,6 @@ def test_without_four_peaks_it_is_refused():
         LiteralHomography().describe(Grasp(view.outer.points[[0, 100, 200]]), view)
 
 
-@SOME
 @given(seeds, st.floats(0.7, 1.4))
 def test_eq_3_is_the_sum_of_the_text(seed, kappa):
     rng = np.random.default_rng(seed)
@@ -152,7 +140,6 @@ def test_the_window_is_about_an_index(name):
             assert off > 10.0
 
 
-@SOME
 @given(objects, seeds)
 def test_matches_between_samples_are_nearer(name, seed):
     one = ideal_footage(make_part(name, seed), "resampled", "4 DoF", 12, seed)
@@ -169,7 +156,6 @@ def test_matches_between_samples_are_nearer(name, seed):
     assert mean[True] < 0.5 * mean[False]
 
 
-@SOME
 @given(objects, seeds, st.floats(-0.5, 0.5))
 def test_the_refinement_ends_on_the_outline(name, seed, turn):
     part, view, _ = moved_part(name, 1.05, turn)

@@ -8,7 +8,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -54,7 +54,6 @@ def stars(draw: st.DrawFn) -> list[Floats]:
     return [outer, hole]
 
 
-@settings(max_examples=60, deadline=None)
 @given(polygons=stars())
 def test_the_pieces_are_convex_and_as_large_together_as_the_polygon(polygons: list[Floats]) -> None:
     pieces = convex_pieces(polygons)
@@ -62,7 +61,6 @@ def test_the_pieces_are_convex_and_as_large_together_as_the_polygon(polygons: li
     assert min(least_corner(p) for p in pieces) > -1e-6
 
 
-@settings(max_examples=30, deadline=None)
 @given(polygons=stars(), seed=st.integers(0, 1000))
 def test_a_point_lies_in_one_piece_if_it_lies_in_the_polygon_and_else_in_none(
     polygons: list[Floats], seed: int

@@ -64,7 +64,7 @@ def test_a_mosaic_of_one_colour_is_that_colour(pattern: str, bits: int) -> None:
     for k, letter in enumerate(tile):
         mosaic[k // 2 :: 2, k % 2 :: 2] = round(full[letter] * (2**bits - 1))
     form = genicam_format(f"Bayer{pattern}{bits}")
-    data = mosaic.astype(form.dtype).view(np.uint8).ravel()
+    data = mosaic.astype(form.value_type).view(np.uint8).ravel()
     found = to_image(raw_image(data, 16, 12, form), form)
     expected = [255 * full[letter] for letter in "BGR"]
     assert np.abs(found[2:-2, 2:-2].astype(float) - expected).max() <= 1.0

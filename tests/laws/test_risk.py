@@ -69,18 +69,18 @@ def asked() -> list[tuple[Any, ...]]:
 def test_what_is_accepted_shrinks_as_the_risk_falls(asked: list[tuple[Any, ...]]) -> None:
     before: set[int] = set()
     for risk in RISKS:
-        decided = [decide_pose(*call).at(risk) for call in asked]
-        accepted = {k for k, d in enumerate(decided) if d.accepted}
+        decided = [decide_pose(*call).with_risk(risk) for call in asked]
+        accepted = {k for k, d in enumerate(decided) if d.is_accepted}
         assert before <= accepted
         for d in decided:
             assert 0.0 <= d.confidence <= 1.0 and 0.0 <= d.rival_share <= 1.0
-            assert d.accepted == (d.probability_off < risk) == (not d.code)
+            assert d.is_accepted == (d.probability_off < risk) == (not d.code)
         before = accepted
     assert before and len(before) > len(asked) // 3
 
 
 def test_from_the_default_up_a_higher_risk_changes_nothing_but_what_is_answered() -> None:
-    runs = [track(risk=risk) for risk in (1e-3, 0.05, 0.5, 0.999)]
+    runs = [track(risk=risk) for risk in (1e-3, 0.05, 0.999)]
     located = [{r.frame for r in run if r.located} for run in runs]
     assert all(few <= many for few, many in pairwise(located))
     assert len(located[0]) < len(located[-1])
@@ -88,6 +88,7 @@ def test_from_the_default_up_a_higher_risk_changes_nothing_but_what_is_answered(
         assert [r.confidence for r in run] == [r.confidence for r in runs[0]]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("risk", [1e-7, 1e-3, 0.5])
 @pytest.mark.parametrize("strategy", ["auto", *STRATEGIES])
 def test_confidence_and_status_say_the_same(strategy: str, risk: float) -> None:
@@ -95,7 +96,8 @@ def test_confidence_and_status_say_the_same(strategy: str, risk: float) -> None:
     assert first.located and first.confidence == 1.0
     for r in results:
         assert 0.0 <= r.confidence <= 1.0
-        assert r.confidence >= 1.0 - risk if r.located else r.confidence <= 1.0 - risk
+        told = max(risk, NUMBERS.untested)  # no more is told than scenes have shown
+        assert r.confidence >= 1.0 - told if r.located else r.confidence <= 1.0 - risk
         assert r.located == (r.status in ("tracked", "unstable"))
     if strategy == "auto":  # the others may find no transfer, of which nothing can be said
         assert any(not r.located and r.confidence > 0.0 for r in results)
@@ -108,7 +110,7 @@ def test_a_disc_whose_turn_nothing_tells_is_refused_by_its_probability() -> None
 
 
 def test_nothing_is_never_accepted() -> None:
-    assert not any(NOTHING.at(risk).accepted for risk in RISKS) and NOTHING.confidence == 0.0
+    assert not any(NOTHING.with_risk(risk).is_accepted for risk in RISKS) and NOTHING.confidence == 0.0
 
 
 @given(st.lists(st.floats(0.0, 1.0), max_size=5))
@@ -120,7 +122,7 @@ def test_any_of_some_things(probabilities: list[float]) -> None:
 
 
 def test_learning_is_never_looser_than_the_default() -> None:
-    assert [NUMBERS.learning(risk).risk for risk in (1e-6, 1e-3, 0.5)] == [1e-6, 1e-3, 1e-3]
+    assert [NUMBERS.for_learning(risk).risk for risk in (1e-6, 1e-3, 0.5)] == [1e-6, 1e-3, 1e-3]
     assert NUMBERS.with_risk(0.5).risk == 0.5
 
 
@@ -163,7 +165,9 @@ def test_a_run_tells_its_risk_and_the_confidence_of_every_frame(images: Path, tm
         for row in rows[1:]:
             told = dict(zip(head, row, strict=False))
             sure = float(told["confidence"])
-            assert (sure >= 1.0 - float(risk)) == (told["status"] != "lost")
+            if float(risk) >= NUMBERS.untested:
+                assert (sure >= 1.0 - float(risk)) == (told["status"] != "lost")
+            assert sure <= 1.0 - NUMBERS.untested
             assert told["x1"] == "" or told["status"] != "lost"
 
 
@@ -177,10 +181,11 @@ def test_the_servo_and_the_demonstration_refuse_it_in_one_line(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_the_demonstration_is_tracked_at_the_risk(tmp_path: Path) -> None:
     rows = {}
     for risk in (1e-12, 1e-3):
-        (rows[risk],) = run_demo(tmp_path / str(risk), frames=12, video=False, strategies=("homography",), risk=risk)
+        (rows[risk],) = run_demo(tmp_path / str(risk), frames=6, video=False, strategies=("homography",), risk=risk)
         told = json.loads((tmp_path / str(risk) / "homography" / "run.json").read_text())
         assert told["options"]["risk"] == risk
         head, *lines = (tmp_path / str(risk) / "homography" / "grasps.csv").read_text().splitlines()
@@ -212,9 +217,9 @@ def test_every_tracker_of_an_approach_takes_the_risk(monkeypatch: pytest.MonkeyP
 
 def test_the_file_of_numbers_is_read_and_what_is_wrong_in_it_is_told(tmp_path: Path) -> None:
     told = json.loads(OWN.read_text(encoding="utf-8"))
-    assert read_numbers() == NUMBERS and {n: e["value"] for n, e in told.items()} == NUMBERS.table()
+    assert read_numbers() == NUMBERS and {n: e["value"] for n, e in told.items()} == NUMBERS.kernel_table()
     assert all(
-        entry["from"] <= entry["value"] <= entry["to"] and entry["by"] for entry in told.values() if "by" in entry
+        entry["from"] <= entry["value"] <= entry["to"] and entry["by"] for entry in told.values() if "from" in entry
     )
     path = tmp_path / "mine.json"
     path.write_text(json.dumps(told | {"inflate": {"value": 2.25}}), encoding="utf-8")

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack.errors import StrategyError
@@ -39,7 +39,6 @@ def grasp_at(contour: Contour, positions: list[float]) -> Grasp:
     return Grasp(points[i] + f * (points[(i + 1) % len(points)] - points[i]))
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.integers(0, 10_000), poses, places)
 def test_exact_under_similarities(seed: int, pose: tuple[float, float, float, float], positions: list[float]) -> None:
     reference = blob(seed)
@@ -51,7 +50,6 @@ def test_exact_under_similarities(seed: int, pose: tuple[float, float, float, fl
     assert np.abs(carried.contacts - truth).max() <= 1e-6 * math.sqrt(current.area)
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.integers(0, 10_000), poses, places)
 def test_reversible_with_error_zero(seed: int, pose: tuple[float, float, float, float], positions: list[float]) -> None:
     reference = blob(seed)

@@ -97,6 +97,7 @@ def test_what_cannot_be_is_refused(address: str | None, workers: int, told: str)
 # --- a cluster -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_still_does_every_task(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
     with distributed.LocalCluster(

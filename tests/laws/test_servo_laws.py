@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import grasptrack as gt
@@ -33,7 +33,6 @@ from grasptrack.servo.observation import MAX_NOISE_PX, MIN_NOISE_PX, Observation
 from servo_bench import Bench
 
 SEEDS = st.integers(0, 10_000)
-FEW = settings(max_examples=40, deadline=None)
 
 
 def camera(rng: np.random.Generator, tilt: float = 0.2) -> HandCamera:
@@ -51,7 +50,6 @@ def in_front(rng: np.random.Generator, cam: HandCamera, k: int) -> np.ndarray:
 # --- rigid motions --------------------------------------------------------------------------------
 
 
-@FEW
 @given(v=st.tuples(*[st.floats(-1.7, 1.7)] * 3))
 def test_a_rotation_and_its_vector(v: tuple[float, float, float]) -> None:
     R = rotation_matrix(v)
@@ -59,7 +57,6 @@ def test_a_rotation_and_its_vector(v: tuple[float, float, float]) -> None:
     assert np.abs(rotation_vector(R) - v).max() < 1e-7
 
 
-@FEW
 @given(seed=SEEDS)
 def test_a_held_twist_goes_on_where_it_was(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -86,7 +83,6 @@ def test_poses_between_reports() -> None:
 # --- derivatives ----------------------------------------------------------------------------------
 
 
-@FEW
 @given(seed=SEEDS, k=st.integers(2, 4))
 def test_slopes_of_features(seed: int, k: int) -> None:
     rng = np.random.default_rng(seed)
@@ -103,7 +99,6 @@ def test_slopes_of_features(seed: int, k: int) -> None:
         assert np.abs(found[:, i] - by / (2.0 * step)).max() < 1e-5 * (1.0 + np.abs(found).max())
 
 
-@FEW
 @given(seed=SEEDS)
 def test_the_interaction_matrix_is_what_the_hand_does(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -119,7 +114,6 @@ def test_the_interaction_matrix_is_what_the_hand_does(seed: int) -> None:
         assert np.abs(found[:, :, axis] - (seen[0] - seen[1]) / (2.0 * step)).max() < 1e-3 * (1.0 + np.abs(found).max())
 
 
-@FEW
 @given(seed=SEEDS)
 def test_derivatives_by_all_that_is_unknown(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -141,7 +135,6 @@ def test_derivatives_by_all_that_is_unknown(seed: int) -> None:
         assert np.abs(found[..., i] - (up - down) / (2.0 * step)).max() < 1e-4 * (1.0 + np.abs(found[..., i]).max())
 
 
-@FEW
 @given(seed=SEEDS)
 def test_a_state_keeps_camera_and_object(seed: int) -> None:
     """What is expected of a packed state is what the camera sees of the object's points."""
@@ -159,7 +152,6 @@ def test_a_state_keeps_camera_and_object(seed: int) -> None:
     assert (pack_state(*unpack_state(state)) == state).all()
 
 
-@FEW
 @given(seed=SEEDS)
 def test_a_segment_parallel_to_the_image_decouples(seed: int) -> None:
     """x/l and y/l fall by the camera's shift over L, l*/l by its approach over the depth at the goal, the angle by its turn."""
@@ -182,7 +174,6 @@ def test_a_segment_parallel_to_the_image_decouples(seed: int) -> None:
 # --- law and limits -------------------------------------------------------------------------------
 
 
-@FEW
 @given(seed=SEEDS, dof=st.sampled_from([4, 6]))
 def test_errors_fall_at_the_rate_of_the_gain(seed: int, dof: int) -> None:
     rng = np.random.default_rng(seed)
@@ -202,12 +193,7 @@ def test_what_is_poorly_known_is_followed_slowly() -> None:
     assert abs(twist[2]) < 0.5 * abs(twist[0])
 
 
-@FEW
-@given(
-    seed=SEEDS,
-    size=st.floats(0.0, 100.0),
-    seconds=st.floats(0.0, 0.2),
-)
+@given(seed=SEEDS, size=st.floats(0.0, 100.0), seconds=st.floats(0.0, 0.2))
 def test_no_command_exceeds_the_limits(seed: int, size: float, seconds: float) -> None:
     rng = np.random.default_rng(seed)
     limits = gt.Limits(*rng.uniform(0.05, 3.0, 4))
@@ -221,7 +207,6 @@ def test_no_command_exceeds_the_limits(seed: int, size: float, seconds: float) -
         assert np.linalg.norm(out[part] - last[part]) <= change * seconds + 1e-12
 
 
-@FEW
 @given(seed=SEEDS)
 def test_a_limit_slows_the_approach_and_not_the_following(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -243,7 +228,6 @@ def test_the_gain_falls_with_the_error() -> None:
 # --- goals ----------------------------------------------------------------------------------------
 
 
-@FEW
 @given(seed=SEEDS, k=st.sampled_from([2, 3]))
 def test_contacts_at_the_goal_lie_between_the_fingertips(seed: int, k: int) -> None:
     rng = np.random.default_rng(seed)
@@ -265,7 +249,6 @@ def test_contacts_at_the_goal_lie_between_the_fingertips(seed: int, k: int) -> N
     assert abs(turn) <= math.pi / k + 1e-6  # never more than the gripper's symmetry asks for
 
 
-@FEW
 @given(seed=SEEDS)
 def test_a_taught_goal_is_the_view_that_taught_it(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -315,7 +298,6 @@ def test_bad_input_gets_one_clear_line(make: object) -> None:
     assert str(found.value) and "\n" not in str(found.value)
 
 
-@FEW
 @given(seed=SEEDS, spoilt=st.sampled_from([None, math.nan, math.inf, -1.0, 1e9]))
 def test_covariances_of_sightings_are_bounded_and_else_as_told(seed: int, spoilt: float | None) -> None:
     rng = np.random.default_rng(seed)
@@ -374,7 +356,6 @@ def test_what_is_seen_at_the_goal_is_there_whatever_was_predicted(seed: int, tur
 # --- policies ---------------------------------------------------------------------------------------
 
 
-@FEW
 @given(times=st.tuples(*[st.floats(0.0, 3.0)] * 3), can=st.booleans())
 def test_the_policy_on_loss_goes_through_its_steps_in_order(times: tuple[float, float, float], can: bool) -> None:
     policy = gt.LossPolicy(coast=times[0], hold=times[1], back_off=times[2])

@@ -3,13 +3,20 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 import grasptrack as gt
 from servo_bench import Bench
+
+
+@cache
+def _closed_on_nothing() -> tuple[Bench, gt.GraspServo]:
+    return closed_on_nothing()
 
 
 def closed_on_nothing(**options: float) -> tuple[Bench, gt.GraspServo]:
@@ -32,9 +39,10 @@ def next_try(bench: Bench, servo: gt.GraspServo, first: gt.TrackResult) -> list[
     return told
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("first", ["sure", "unsure", "nonsense"])
 def test_it_opens_once_and_goes_back_before_it_closes_again(first: str) -> None:
-    bench, servo = closed_on_nothing()
+    bench, servo = copy.deepcopy(_closed_on_nothing())
     result = bench.result()
     if first == "unsure":
         result = replace(result, object_sure=False)
@@ -48,7 +56,7 @@ def test_it_opens_once_and_goes_back_before_it_closes_again(first: str) -> None:
 
 
 def test_each_try_has_its_own_time_limit() -> None:
-    bench, _ = closed_on_nothing()
+    bench, _ = _closed_on_nothing()
     bench, servo = closed_on_nothing(time_limit=bench.time + 0.5)
     for _ in range(20):  # the fingers take longer than what was left
         bench.move(np.zeros(6))

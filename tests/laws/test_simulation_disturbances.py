@@ -43,45 +43,53 @@ def test_names_and_groups() -> None:
     assert NAMES[9:18] == ["bar", "hand", "leave", "clip", "exchange", "twin", "mirror", "lens", "thick"]
     assert NAMES[18:26] == ["still", "print", "highlight", "shake", "jpeg", "gravel", "sheet", "crowd"]
     assert NAMES[26:30] == ["cover", "bar-parallel", "equals", "equal-enters"]
-    assert NAMES[30:] == ["print-exchange", "rolling-shutter", "thick-6", "aside", "exchange-hidden", "mixed"]
+    assert NAMES[30:36] == ["print-exchange", "rolling-shutter", "thick-6", "aside", "exchange-hidden", "mixed"]
+    assert " ".join(NAMES[36:44]) == "h264 h265 cheap-camera fixed-marks focus aspect hand-camera glare-first"
+    assert NAMES[44:50] == ["glossy-table", "contact-shadow", "bevel", "faint", "transparent", "block"]
+    assert NAMES[50:] == ["touching", "pushed", "equal-belt", "two-bodies", "bench"]
     groups = {"motion", "image", "background", "cover", "identity", "model"}
     assert {d.group for d in DISTURBANCES.values()} == groups
     assert all(d.name == key and d.about.endswith(".") for key, d in DISTURBANCES.items())
 
 
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_scene_begins_whole_frontal_and_uncovered(name: str) -> None:
-    for k, shape in enumerate(PARTS[::2]):
-        made = scene(name, shape, seed=k)
-        first = made[0]
-        assert first.present and first.outline_visible == 1.0 and first.covers == ()
-        assert first.H_current_reference == pytest.approx(np.eye(3), abs=1e-12)
-        assert name == "aside" or made.path.tilt[0] == 0.0
-        assert first.image.shape == (480, 640) and first.image.dtype == np.uint8
-        low = 90.0 if shape == "spanner" else 140.0  # what is long has to be seen from farther away
-        if name in ("crowd", "equals", "equal-enters"):  # so has what does not lie alone
-            low *= 0.75
-        assert low < math.sqrt(first.area) < 215.0
+    k = NAMES.index(name) % 2
+    shape = PARTS[2 * k]
+    made = scene(name, shape, seed=k)
+    first = made[0]
+    assert first.present and ("glare" in name or name == "bench" or first.outline_visible == 1.0)
+    assert name in ("glare-first", "bench", "fixed-marks") or first.covers == ()
+    assert first.H_current_reference == pytest.approx(np.eye(3), abs=1e-12)
+    assert name in ("aside", "block", "bench") or made.path.tilt[0] == 0.0
+    assert first.image.shape == (480, 640) and first.image.dtype == np.uint8
+    low = 90.0 if shape == "spanner" else 140.0  # what is long has to be seen from farther away
+    if name in ("crowd", "equals", "equal-enters"):  # so has what does not lie alone
+        low *= 0.75
+    if name in ("equal-belt", "touching", "bench", "pushed", "block", "hand-camera", "two-bodies"):
+        low *= 0.4
+    assert low < math.sqrt(first.area) < 215.0
 
 
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("name", NAMES)
 def test_frames_are_the_same_in_any_order_and_seeds_differ(name: str) -> None:
-    made = scene(name, frames=7, size=SMALL)
+    made = scene(name, frames=4, size=SMALL)
     frames = list(made)
-    again = made[5]
-    assert (again.image == frames[5].image).all() and (again.H_current_reference == frames[5].H_current_reference).all()
+    again = made[3]
+    assert (again.image == frames[3].image).all() and (again.H_current_reference == frames[3].H_current_reference).all()
     copy = pickle.loads(pickle.dumps(made))
-    assert (copy[5].image == again.image).all()
+    assert (copy[3].image == again.image).all()
     assert (pickle.loads(pickle.dumps(again)).image == again.image).all()
-    other = scene(name, frames=7, seed=1, size=SMALL)
-    assert (other[5].image != again.image).mean() > 0.2
+    other = scene(name, frames=4, seed=1, size=SMALL)
+    assert (other[3].image != again.image).mean() > 0.2
     views = [np.column_stack([m.path.target, m.path.roll]) for m in (made, other)]
     assert not np.allclose(*views)
 
 
 def test_another_process_renders_the_same_to_the_last_bit() -> None:
-    names = ("clean-6dof", "light", "shadow", "motion-blur", "hand", "twin", "lens", "thick")
-    names += ("highlight", "shake", "jpeg", "gravel", "sheet", "crowd", "cover", "print-exchange", "rolling-shutter")
+    names = ("shadow", "hand", "thick", "highlight", "crowd", "rolling-shutter", "h265", "bevel")
     here = [digest(scene(name, size=SMALL, frames=20)) for name in names]
     code = (
         "import sys\n"
@@ -98,6 +106,7 @@ def test_another_process_renders_the_same_to_the_last_bit() -> None:
     assert [int(v) for v in shown.stdout.split()][::-1] == here
 
 
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_truth_carries_points_exactly(name: str) -> None:
     made = scene(name, frames=12, size=SMALL)
@@ -107,11 +116,13 @@ def test_the_truth_carries_points_exactly(name: str) -> None:
         frame = made[i]
         assert frame.present
         assert np.abs(frame.carry(points) - np.concatenate(frame.outline)).max() < 1e-9
-        assert np.abs(frame.back(frame.carry(points)) - points).max() < 1e-9
+        if name != "two-bodies":  # a point of the lower piece may lie under the upper one
+            assert np.abs(frame.back(frame.carry(points)) - points).max() < 1e-9
         assert (frame.contacts(points) == frame.carry(points)).all()
         assert frame.area == pytest.approx(sum(polygon_moments(p)[0] for p in frame.outline))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(4))
 def test_speeds_are_those_of_a_camera(seed: int) -> None:
     for name in ("clean-4dof", "clean-6dof", "noise", "hand", "twin"):
@@ -125,38 +136,38 @@ IN_VIEW = ["clean-4dof", "clean-6dof", "fast", "light", "belt", "lens", "thick",
 IN_VIEW += ["gravel", "sheet", "crowd", "equals", "rolling-shutter", "thick-6", "aside"]
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", IN_VIEW)
 def test_the_part_stays_in_view_where_it_is_not_said_to_leave(name: str) -> None:
     for shape in PARTS:
         made = scene(name, shape, frames=60, seed=3, size=SMALL)
-        assert min(made[i].outline_visible for i in range(3, 60, 8)) == 1.0
+        assert min(made[i].outline_visible for i in range(3, 60, 16)) == 1.0
 
 
 # --- what each does ------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("shape", PARTS)
 def test_covers_hide_what_they_should_and_go(shape: str) -> None:
-    for seed in range(2):
-        bar, hand = scene("bar", shape, 60, seed, size=SMALL), scene("hand", shape, 60, seed, size=SMALL)
-        shown = [bar[i].outline_visible for i in (0, *range(18, 44, 2), 59)]
-        assert shown[0] == shown[-1] == 1.0
-        assert 0.66 < min(shown) < 0.85
-        shown = [hand[i].outline_visible for i in (0, 25, 30, 37, 59)]
-        assert shown[0] == shown[-1] == 1.0
-        assert all(0.64 < s < 0.76 for s in shown[1:4])
+    bar, hand = (scene(name, shape, 60, size=SMALL) for name in ("bar", "hand"))
+    shown = [bar[i].outline_visible for i in (0, *range(18, 44, 2), 59)]
+    assert shown[0] == shown[-1] == 1.0
+    assert 0.66 < min(shown) < 0.85
+    shown = [hand[i].outline_visible for i in (0, 25, 30, 37, 59)]
+    assert shown[0] == shown[-1] == 1.0
+    assert all(0.64 < s < 0.76 for s in shown[1:4])
 
 
 @pytest.mark.parametrize("shape", PARTS)
 def test_leaving_and_clipping(shape: str) -> None:
-    for seed in range(2):
-        leave, clip = scene("leave", shape, 100, seed, size=SMALL), scene("clip", shape, 100, seed, size=SMALL)
-        assert [leave[i].outline_visible for i in (0, 46, 50, 54, 99)] == [1.0, 0.0, 0.0, 0.0, 1.0]
-        assert all(leave[i].present for i in (0, 50, 99))
-        assert steps(leave)[0].max() < 27.0 / 2
-        shown = [clip[i].outline_visible for i in (0, *range(42, 66, 2), 99)]
-        assert shown[0] == shown[-1] == 1.0
-        assert 0.55 < min(shown) < 0.8
+    leave, clip = (scene(name, shape, 100, size=SMALL) for name in ("leave", "clip"))
+    assert [leave[i].outline_visible for i in (0, 46, 50, 54, 99)] == [1.0, 0.0, 0.0, 0.0, 1.0]
+    assert all(leave[i].present for i in (0, 50, 99))
+    assert steps(leave)[0].max() < 27.0 / 2
+    shown = [clip[i].outline_visible for i in (0, *range(42, 66, 2), 99)]
+    assert shown[0] == shown[-1] == 1.0
+    assert 0.55 < min(shown) < 0.8
 
 
 @pytest.mark.parametrize("name", ["exchange", "twin", "mirror", "print-exchange"])
@@ -183,7 +194,7 @@ def test_a_mirror_image_is_asked_only_of_parts_that_have_one() -> None:
 
 
 def test_one_frame_is_a_scene() -> None:
-    assert all(len(list(scene(name, frames=1, size=SMALL))) == 1 for name in NAMES)
+    assert all(len(list(scene(name, frames=1, size=SMALL))) == 1 for name in NAMES[::4])
 
 
 def test_light_jumps_and_parts_are_lighter_or_darker_than_tables() -> None:
@@ -200,10 +211,10 @@ def test_light_jumps_and_parts_are_lighter_or_darker_than_tables() -> None:
 
 
 def test_a_surface_and_a_table_of_ones_own_and_colours() -> None:
-    from grasptrack_bench.simulation import Texture
+    from grasptrack_bench.simulation import TextureMap
 
-    red = Texture(np.full((8, 8, 3), (20, 20, 220), np.uint8), 2.0)
-    green = Texture(np.full((8, 8, 3), (20, 180, 20), np.uint8), 2.0)
+    red = TextureMap(np.full((8, 8, 3), (20, 20, 220), np.uint8), 2.0)
+    green = TextureMap(np.full((8, 8, 3), (20, 180, 20), np.uint8), 2.0)
     image = scene("clean-4dof", "disc", surface=red, table=green, colour=True, size=SMALL)[0].image
     assert image.shape == (240, 320, 3)
     assert image[120, 160, 2] > 180 > image[120, 160, 1]

@@ -44,7 +44,8 @@ def outline_of(scene: Scene, index: int) -> tuple[np.ndarray, ...]:
     return tuple(apply_homography(plane_to_image(scene)[index], p) for p in guest.shape.polygons)
 
 
-@pytest.mark.parametrize("name", [n for n in DISTURBANCES if n not in ("thick", "thick-6", "aside", "mixed")])
+@pytest.mark.sampled(5)
+@pytest.mark.parametrize("name", [n for n in list(DISTURBANCES)[:35] if n not in ("thick", "thick-6", "aside")])
 def test_edges_lie_on_the_stated_outline(name: str) -> None:
     soft = name in ("blur", "motion-blur", "shake")
     found = []

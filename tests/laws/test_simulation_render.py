@@ -12,15 +12,15 @@ from edges import bilinear
 from grasptrack_bench.simulation import (
     SHAPES,
     Bar,
-    Camera,
     Conditions,
+    Pinhole,
     Scene,
     bracket_scene,
     plain_texture,
     tilting_path,
 )
+from grasptrack_bench.simulation.coverage import inside_mask, pixel_coverage
 from grasptrack_bench.simulation.outlines import inside_polygons, polygon_moments
-from grasptrack_bench.simulation.render import inside_mask, pixel_coverage
 
 WIDTH, HEIGHT, SIGMA = 320, 240, 0.7
 
@@ -94,7 +94,7 @@ def test_a_blur_that_would_alias_is_refused() -> None:
 
 
 def test_frames_are_the_same_in_any_order_and_noise_is_as_asked() -> None:
-    given = {"camera": Camera(WIDTH, HEIGHT), "table": plain_texture(1)}
+    given = {"camera": Pinhole(WIDTH, HEIGHT), "table": plain_texture(1)}
     scene = Scene(SHAPES["disc"](), tilting_path(6, seed=2), conditions=Conditions(noise=3.0), **given)
     quiet = Scene(SHAPES["disc"](), tilting_path(6, seed=2), conditions=Conditions(noise=0.0), **given)
     frames = list(scene)
@@ -110,7 +110,7 @@ def test_the_image_moves_by_the_stated_homography() -> None:
     scene = Scene(
         SHAPES["bracket"](),
         tilting_path(8, seed=5),
-        camera=Camera(WIDTH, HEIGHT),
+        camera=Pinhole(WIDTH, HEIGHT),
         table=plain_texture(1, contrast=0.0),
         conditions=Conditions(noise=0.0),
     )
@@ -125,7 +125,7 @@ def test_the_image_moves_by_the_stated_homography() -> None:
 def test_a_bar_hides_what_it_covers() -> None:
     bar = Bar(start=2, end=6, width=0.2, angle=0.3)
     scene = Scene(
-        SHAPES["blob"](), tilting_path(9, seed=0), camera=Camera(WIDTH, HEIGHT), covers=[bar], table=plain_texture(1)
+        SHAPES["blob"](), tilting_path(9, seed=0), camera=Pinhole(WIDTH, HEIGHT), covers=[bar], table=plain_texture(1)
     )
     shown = [frame.outline_visible for frame in scene]
     assert shown[0] == shown[8] == 1.0
@@ -139,7 +139,12 @@ def test_a_sliding_table_moves_under_a_part_at_rest() -> None:
     still = Conditions(noise=0.0)
     path = tilting_path(2, tilt=0.0, reach=0.0, zoom=0.0, turn=0.0)
     scene = Scene(
-        SHAPES["disc"](), path, camera=Camera(WIDTH, HEIGHT), conditions=still, slide=(0.1, 0.0), table=plain_texture(1)
+        SHAPES["disc"](),
+        path,
+        camera=Pinhole(WIDTH, HEIGHT),
+        conditions=still,
+        slide=(0.1, 0.0),
+        table=plain_texture(1),
     )
     a, b = (frame.image.astype(float) for frame in scene)
     inside = inside_mask(scene[0].outline, WIDTH, HEIGHT)
@@ -148,6 +153,7 @@ def test_a_sliding_table_moves_under_a_part_at_rest() -> None:
     assert np.abs(a - b)[~inside & (edge < 0.01)].mean() > 0.5
 
 
+@pytest.mark.slow
 def test_the_demonstration_keeps_the_whole_outline_in_view() -> None:
     scene = bracket_scene(30)
     assert scene[0].image.shape == (480, 640, 3)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack_bench.simulation import SHAPES, Camera, Path, similarity_path, tilting_path
+from grasptrack_bench.simulation import SHAPES, Path, Pinhole, similarity_path, tilting_path
 from grasptrack_bench.simulation.outlines import Shape, circle_polygon, polygon_moments, round_corners
 
 
@@ -61,12 +61,12 @@ def test_a_shape_without_material_is_refused() -> None:
 
 def test_a_frontal_camera_sees_the_table_to_scale() -> None:
     still = np.zeros(1)
-    H = Path(np.array([[0.5, -0.2]]), np.array([4.0]), still, still, still).table_to_image(Camera(640, 480, 800.0))[0]
+    H = Path(np.array([[0.5, -0.2]]), np.array([4.0]), still, still, still).table_to_image(Pinhole(640, 480, 800.0))[0]
     assert apply_homography(H, [[0.5, -0.2], [1.5, -0.2]]) == pytest.approx(np.array([[319.5, 239.5], [519.5, 239.5]]))
 
 
 def test_a_camera_without_tilt_moves_the_image_by_similarities() -> None:
-    homographies = similarity_path(20, seed=4).table_to_image(Camera())
+    homographies = similarity_path(20, seed=4).table_to_image(Pinhole())
     for H in homographies:
         a, b = H[:2, 0], H[:2, 1]
         assert H[2] == pytest.approx([0.0, 0.0, 1.0])
@@ -77,7 +77,7 @@ def test_a_camera_without_tilt_moves_the_image_by_similarities() -> None:
 def test_a_tilted_camera_keeps_its_target_and_shortens_one_axis() -> None:
     tilt = math.radians(30.0)
     path = Path(np.array([[0.3, 0.1]]), np.array([5.0]), np.array([0.4]), np.array([tilt]), np.array([1.1]))
-    H = path.table_to_image(Camera())[0]
+    H = path.table_to_image(Pinhole())[0]
     assert apply_homography(H, [[0.3, 0.1]]) == pytest.approx(np.array([[319.5, 239.5]]))
     step = 1e-6
     around = apply_homography(H, np.array([[0.3, 0.1], [0.3 + step, 0.1], [0.3, 0.1 + step]]))

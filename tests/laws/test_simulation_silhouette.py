@@ -10,11 +10,11 @@ import pytest
 
 from edges import renderer
 from grasptrack.errors import ContourError, InputError
-from grasptrack_bench.simulation import SHAPES, Scene, Texture, part_of_photo, shape_from_mask, similarity_path
+from grasptrack_bench.simulation import SHAPES, Scene, TextureMap, part_of_photo, shape_from_mask, similarity_path
+from grasptrack_bench.simulation.coverage import inside_mask
 from grasptrack_bench.simulation.lookalikes import best_fit
 from grasptrack_bench.simulation.masks import mask_polygons
 from grasptrack_bench.simulation.outlines import polygon_moments, trace_isolines
-from grasptrack_bench.simulation.render import inside_mask
 
 
 def mask_of(name: str, scale: float = 120.0, angle: float = 0.4, size: int = 420) -> np.ndarray:
@@ -94,7 +94,7 @@ def test_a_part_of_a_photo_takes_its_surface_along_and_leaves_the_background() -
 
     # Seen as large as in the photo, frontal, it is the photo again.
     path = similarity_path(1, distance=1.0)
-    scene = Scene(shape, path, surface=surface, table=Texture(np.full((8, 8), 255, np.uint8), 9.0))
+    scene = Scene(shape, path, surface=surface, table=TextureMap(np.full((8, 8), 255, np.uint8), 9.0))
     H = np.array([[120.0, 0.0, 210.3], [0.0, 120.0, 210.3], [0.0, 0.0, 1.0]])
     view = renderer(scene)
     again = view.render_background(H)
@@ -120,7 +120,7 @@ def test_photo_and_mask_must_match() -> None:
 
 def test_a_photo_of_a_table_lies_where_it_says() -> None:
     image = np.arange(60 * 80, dtype=np.uint16).reshape(60, 80).astype(np.uint8)
-    texture = Texture(image, 4.0)
+    texture = TextureMap(image, 4.0)
     corners = np.array([[-0.5, 29.5, 1.0], [79.5, 29.5, 1.0], [39.5, -0.5, 1.0]]) @ texture.to_table.T
     assert corners[:, :2] == pytest.approx(np.array([[-4.0, 0.0], [4.0, 0.0], [0.0, -3.0]]))
     assert (texture.coloured.grey.image == image).all()

@@ -6,7 +6,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter, lab_planes
@@ -33,7 +33,6 @@ def distances_to(shape: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.array([abs(cv2.pointPolygonTest(chain, (float(x), float(y)), True)) for x, y in points])
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.floats(0.0, 6.28), st.floats(0.0, 6.0), st.booleans(), st.integers(0, 3))
 def test_a_moved_outline_comes_back(angle: float, off: float, backwards: bool, first: int) -> None:
     drawn = np.roll(QUAD + off * np.array([np.cos(angle), np.sin(angle)]), first, axis=0)
@@ -65,7 +64,6 @@ def test_where_nothing_is_it_stays() -> None:
     assert distances_to(QUAD, snapper.snap(QUAD)).max() < 1.5
 
 
-@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 1000))
 def test_an_edge_returns_and_a_line_through_nothing_does_not(seed: int) -> None:
     snapper = snapper_of(photo_of(QUAD, seed=seed))
@@ -75,7 +73,6 @@ def test_an_edge_returns_and_a_line_through_nothing_does_not(seed: int) -> None:
     assert 0.0 <= snapper.return_share(0.5 * (QUAD + around)) <= 1.0
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), st.integers(3, 7), st.integers(2, 5), st.floats(0.0, 2.0))
 def test_no_straight_path_is_better_than_the_smoothest(seed: int, rows: int, columns: int, bend: float) -> None:
     """It is a piece of the best path twice round: a straight one in its place would be joined at both ends, and what is
@@ -92,7 +89,6 @@ def test_no_straight_path_is_better_than_the_smoothest(seed: int, rows: int, col
 # --- quadrangles ---------------------------------------------------------------------------------
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 10_000))
 def test_a_quadrangle_is_found_behind_fingers(seed: int) -> None:
     """Two of its sides are broken by something of its own grey."""

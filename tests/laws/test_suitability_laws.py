@@ -17,18 +17,18 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.images import PLAIN
 from grasptrack.trackability import inspect
 from grasptrack.trackability.appearance import QUANTUM, Edges, edge_direction_noise, gradient_statistics
-from grasptrack.trackability.motions import MODELS, NAMES, SLIDING, Frame, Motions, motions_of, sliding_displacement
+from grasptrack.trackability.motions import MODELS, NAMES, SLIDING, Basis, Motions, motions_of, sliding_displacement
 from grasptrack.trackability.prediction import (
     FILE,
     Drawn,
-    Run,
+    SimulatedRun,
     Unforeseen,
     errors_of,
     log_chance,
     predict_run,
     shares_of,
 )
-from grasptrack.trackability.synthetic_view import REST, SHIFT, Setting, Stage, Step, denoise_image, draw_run
+from grasptrack.trackability.synthetic_view import REST, SHIFT, RunImage, RunSetting, Stage, denoise_image, draw_run
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.numbers import NUMBERS
 from scenery import L_PLATE, SQUARE, drawn, ellipse
@@ -59,7 +59,7 @@ def shown(found: Motions, name: str) -> float:
 
 
 def of(points: np.ndarray, normals: np.ndarray, size: float, axes: np.ndarray | None = None) -> Motions:
-    return motions_of(points, normals, Frame(points.mean(axis=0), np.eye(2) if axes is None else axes, size))
+    return motions_of(points, normals, Basis(points.mean(axis=0), np.eye(2) if axes is None else axes, size))
 
 
 @given(half=st.integers(20, 400), thick=st.integers(10, 60))
@@ -84,9 +84,7 @@ def test_a_circle_hides_turns_and_what_moves_a_circle_into_itself(radius: float)
 
 
 @given(
-    angle=st.floats(-3.0, 3.0),
-    scale=st.floats(0.3, 5.0),
-    shift=st.tuples(st.floats(-500, 500), st.floats(-500, 500)),
+    angle=st.floats(-3.0, 3.0), scale=st.floats(0.3, 5.0), shift=st.tuples(st.floats(-500, 500), st.floats(-500, 500))
 )
 def test_what_an_outline_shows_does_not_depend_on_where_it_lies_nor_on_its_size(
     angle: float, scale: float, shift: tuple[float, float]
@@ -103,7 +101,7 @@ def test_what_an_outline_shows_does_not_depend_on_where_it_lies_nor_on_its_size(
 
 
 def test_an_outline_without_edges_shows_nothing() -> None:
-    found = motions_of(np.zeros((0, 2)), np.zeros((0, 2)), Frame(np.zeros(2), np.eye(2), 50.0))
+    found = motions_of(np.zeros((0, 2)), np.zeros((0, 2)), Basis(np.zeros(2), np.eye(2), 50.0))
     assert not any(m.observable for m in found.models.values())
 
 
@@ -124,7 +122,6 @@ def wavering(noise: float, a: float, b: float, seed: int) -> Edges:
     return Edges(points, normals, full, full, full, np.ones(count, np.bool_), np.zeros(count, np.int64), 2)
 
 
-@settings(max_examples=40)
 @given(noise=st.floats(0.02, 0.3), a=st.floats(60.0, 150.0), b=st.floats(60.0, 150.0), seed=st.integers(0, 99))
 def test_directions_sway_by_the_noise_of_edges_on_any_smooth_outline(
     noise: float, a: float, b: float, seed: int
@@ -168,8 +165,8 @@ def test_slopes_within_and_round_an_outline_are_kept_apart() -> None:
 # --- drawn runs ----------------------------------------------------------------------------------
 
 
-def setting(x: float, y: float, size: float, focal_sd: float = 0.4) -> Setting:
-    return Setting(np.array([x, y]), size, 0.8 * size, 640, 480, Beforehand.calibrated(0.0, focal_sd, NUMBERS))
+def setting(x: float, y: float, size: float, focal_sd: float = 0.4) -> RunSetting:
+    return RunSetting(np.array([x, y]), size, 0.8 * size, 640, 480, Beforehand.with_focal(0.0, focal_sd, NUMBERS))
 
 
 def test_a_view_that_has_not_moved_is_the_image_but_for_its_noise() -> None:
@@ -204,7 +201,7 @@ def test_a_run_begins_at_the_first_view_never_mirrors_and_keeps_the_object_in_si
 @given(seed=st.integers(0, 99), focal=st.floats(-0.5, 0.7))
 def test_a_drawn_run_is_a_pinholes_view_of_a_plane(seed: int, focal: float) -> None:
     """K^-1 H K of a frontal first view has two columns alike long and at right angles, in any focal length that is known."""
-    where = setting(250.0, 200.0, 120.0, 0.0)._replace(focal=Beforehand.calibrated(focal, 0.0, NUMBERS))
+    where = setting(250.0, 200.0, 120.0, 0.0)._replace(focal=Beforehand.with_focal(focal, 0.0, NUMBERS))
     f = 640.0 * math.exp(focal)
     K = np.array([[f, 0.0, 319.5], [0.0, f, 239.5], [0.0, 0.0, 1.0]])
     for step in draw_run(where, 6, np.random.default_rng(seed)):
@@ -214,10 +211,9 @@ def test_a_drawn_run_is_a_pinholes_view_of_a_plane(seed: int, focal: float) -> N
 
 
 @given(gain=st.floats(0.9, 1.1), u=st.floats(-12.0, 12.0), v=st.floats(-12.0, 12.0))
-@settings(max_examples=20, deadline=None)
 def test_light_and_shutter_change_levels_and_edges_as_they_say(gain: float, u: float, v: float) -> None:
     image = drawn(SQUARE, noise=0.0)
-    seen = Stage(image, PLAIN, QUANTUM).render_grey(Step(np.eye(3), gain, np.array([u, v]))).astype(float)
+    seen = Stage(image, PLAIN, QUANTUM).render_grey(RunImage(np.eye(3), gain, np.array([u, v]))).astype(float)
     assert seen.mean() == pytest.approx(gain * image.mean(), rel=0.01)  # a smear takes no light away
     assert seen.std() <= 1.01 * gain * image.std()
 
@@ -238,7 +234,7 @@ def test_each_fitted_number_stands_with_its_interval_and_its_script() -> None:
 
 def of_runs(located: int, error: float = 0.1, size: float = 100.0) -> Drawn:
     lost = "too little" if located < 12 else ""
-    return Drawn.of([Run(12, (error,) * located, lost), Run(12, (error,) * 12, "")], size)
+    return Drawn.from_runs([SimulatedRun(12, (error,) * located, lost), SimulatedRun(12, (error,) * 12, "")], size)
 
 
 @given(a=st.floats(0.05, 20.0), b=st.floats(0.05, 20.0), frames=st.integers(1, 120))
@@ -284,7 +280,7 @@ def test_what_drifts_is_no_evidence_that_it_goes_on_and_may_be_off_as_far() -> N
 
 
 def test_of_what_was_never_located_no_error_is_told() -> None:
-    never = predict_run(Drawn.of([Run(12, (), "hidden")] * 2, 100.0), unforeseen=USUAL)
+    never = predict_run(Drawn.from_runs([SimulatedRun(12, (), "hidden")] * 2, 100.0), unforeseen=USUAL)
     assert math.isnan(never.error_px) and all(math.isnan(e) for e in never.error_interval)
     assert never.located < 0.2 and never.located_interval[0] == 0.0
 
@@ -312,9 +308,9 @@ def on(within: float, round_it: float) -> np.ndarray:
     return np.clip(drawn(ellipse(50.0, 50.0)) + spots, 0, 255).astype(np.uint8)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
-    ("within", "round_it", "by"),
-    [(0, 0, "nothing"), (1, 0, "surface"), (0, 1, "ground"), (1, 1, "surface")],
+    ("within", "round_it", "by"), [(0, 0, "nothing"), (1, 0, "surface"), (0, 1, "ground"), (1, 1, "surface")]
 )
 def test_more_evidence_never_fixes_less_and_is_told_by_what_it_takes(within: int, round_it: int, by: str) -> None:
     image = on(within, round_it)
@@ -327,12 +323,11 @@ def test_more_evidence_never_fixes_less_and_is_told_by_what_it_takes(within: int
     assert (seen.level == "poor") == (within == 0) and (seen.strategy == "") == (by == "nothing")
     assert (seen.located > 0.5) == (by != "nothing")  # by the ground alone, though less exactly
     assert ("only the ground fixes it: on a belt it will be lost" in seen.verdict) == (by == "ground")
-    alone = inspect(
-        image, strategy="homography"
-    )  # with the last image as prior it carries the contacts, and the core judges
-    assert alone.by == by
+    if by == "ground":  # with the last image as prior the homography carries the contacts, and the core judges
+        assert inspect(image, strategy="homography").by == by
 
 
+@pytest.mark.slow
 def test_what_slides_along_itself_is_expected_to_be_lost_and_found_where_its_surface_tells() -> None:
     bare, printed = (inspect(on(within, 0)) for within in (0, 1))
     assert bare.prediction is not None and bare.prediction.drawn.located == 0 and bare.prediction.drawn.reason
@@ -343,7 +338,7 @@ def test_what_slides_along_itself_is_expected_to_be_lost_and_found_where_its_sur
 def test_noise_is_no_surface() -> None:
     """Whatever the noise, it fixes nothing that the outline leaves free, and the outline alone is as sure as with it."""
     for noise in (4.0, 12.0):
-        seen = inspect(drawn(ellipse(50.0, 50.0), noise=noise))
+        seen = inspect(drawn(ellipse(50.0, 50.0), noise=noise), runs=1)
         assert seen.by == "nothing" and seen.settled is not None
         assert seen.settled.contact_deviations[1] == seen.settled.contact_deviations[0]
 
@@ -375,14 +370,14 @@ def test_an_equal_with_another_print_is_no_equal() -> None:
             image[y - 32 : y - 2, x - 48 : x - 8] += part
         return np.clip(image, 0, 255).astype(np.uint8)
 
-    assert len(inspect(printed(noise[0])).equals) == 1
-    assert inspect(printed(noise[1])).equals == ()
+    assert len(inspect(printed(noise[0]), runs=1).equals) == 1
+    assert inspect(printed(noise[1]), runs=1).equals == ()
 
 
 @given(sway_a=st.floats(0.0, 0.6), sway_b=st.floats(0.0, 0.6))
 def test_noise_of_the_directions_only_hides_motions(sway_a: float, sway_b: float) -> None:
     points, normals = sampled(np.array([[-70, -45], [70, -45], [70, 5], [-20, 5], [-20, 45], [-70, 45]], float))
-    frame = Frame(points.mean(axis=0), np.eye(2), 90.0)
+    frame = Basis(points.mean(axis=0), np.eye(2), 90.0)
     low, high = (motions_of(points, normals, frame, s) for s in sorted((sway_a, sway_b)))
     for name in MODELS:
         one, other = low.models[name], high.models[name]

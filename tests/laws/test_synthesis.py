@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack.errors import InputError, StrategyError
@@ -12,10 +12,7 @@ from grasptrack.grasp.force_closure import analyze
 from grasptrack.grasp.synthesis import synthesize
 from outlines import BRACKET, blobs, dense, stars
 
-FEW = settings(max_examples=25, deadline=None)
 
-
-@FEW
 @given(st.one_of(stars(), blobs()), st.floats(0.2, 1.0))
 def test_every_grasp_is_stable_ranked_and_distinct(points, friction):
     contour = Contour(points)

@@ -20,13 +20,11 @@ from grasptrack.grasp.synthesis import synthesize
 from outlines import blobs, similarities, stars
 from synthesis_shapes import BAR, FRAME, NOTCHED, RING, SHAPES, circle, material
 
-FEW = settings(max_examples=12, deadline=None)
 OUTLINES = st.one_of(
     stars().map(Contour), blobs().map(Contour), st.sampled_from(sorted(SHAPES)).map(lambda name: SHAPES[name])
 )
 
 
-@FEW
 @given(OUTLINES, st.sampled_from([2, 3]), st.floats(0.2, 1.0))
 def test_each_closes_by_a_linear_programme(outline, fingers, friction):
     area, cx, cy, *_ = kernels.polygon_moments(outline.points, outline.offsets)
@@ -39,7 +37,6 @@ def test_each_closes_by_a_linear_programme(outline, fingers, friction):
         assert all(0 <= term <= 1 for term in grasp.terms)
 
 
-@FEW
 @given(OUTLINES, st.sampled_from([2, 3]), st.integers(0, 2**32 - 1))
 def test_no_finger_stands_in_material_or_in_another(outline, fingers, seed):
     rng = np.random.default_rng(seed)
@@ -72,7 +69,6 @@ def overlap(one, other):
     return True
 
 
-@FEW
 @given(OUTLINES, st.sampled_from([2, 3]), st.floats(0.2, 1.0), st.integers(0, 2**32 - 1))
 def test_whatever_the_contacts_do_in_their_regions_the_grasp_closes(outline, fingers, friction, seed):
     rng = np.random.default_rng(seed)
@@ -92,7 +88,6 @@ def test_whatever_the_contacts_do_in_their_regions_the_grasp_closes(outline, fin
             assert analyze(Grasp(contacts), view, friction).stable
 
 
-@FEW
 @given(st.one_of(stars().map(Contour), blobs().map(Contour)), similarities(), st.sampled_from([2, 3]))
 def test_a_moved_outline_has_the_moved_grasps(outline, S, fingers):
     here, there = synthesize(outline, fingers, top=6), synthesize(outline.transformed(S), fingers, top=6)
@@ -107,7 +102,7 @@ def test_a_moved_outline_has_the_moved_grasps(outline, S, fingers):
                 assert far < 1e-6 * scale * math.sqrt(outline.area)
 
 
-@FEW
+@settings(max_examples=4)
 @given(OUTLINES, st.sampled_from([2, 3]), st.integers(0, 2**32 - 1))
 def test_neighbours_only_remove(outline, fingers, seed):
     rng = np.random.default_rng(seed)
@@ -155,7 +150,6 @@ def test_rings_and_notches_are_held_in_every_way():
     assert any(g.spread for g in synthesize(wide, 3, top=500))
 
 
-@FEW
 @given(st.sampled_from([RING, FRAME, NOTCHED]), st.sampled_from([2, 3]))
 def test_spread_pushes_outward(outline, fingers):
     for grasp in synthesize(outline, fingers, top=200):

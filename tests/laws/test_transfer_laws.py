@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from grasptrack import kernels
@@ -26,8 +26,6 @@ from grasptrack.transfer import STRATEGIES, grasp_line, homography, transfer
 from grasptrack_bench.simulation.outlines import round_corners
 from outlines import BRACKET, blobs, dense, frame_motions, similarities, stars, turned
 
-FEW = settings(max_examples=40, deadline=None)
-
 
 def some_grasp(contour: Contour) -> Grasp:
     """Two contacts, somewhere on the outline, not along its long axis."""
@@ -40,7 +38,6 @@ def close(contacts, expected, contour):
     assert np.abs(contacts - expected).max() <= 1e-6 * np.sqrt(contour.area)
 
 
-@FEW
 @given(st.one_of(stars(), blobs()), similarities())
 def test_grasp_line_is_exact_under_similarities(points, S):
     reference = Contour(points)
@@ -53,7 +50,6 @@ def test_grasp_line_is_exact_under_similarities(points, S):
     np.testing.assert_allclose(apply_homography(moved.homography, points), current.points, atol=1e-6)
 
 
-@FEW
 @given(stars(), similarities())
 def test_grasp_line_coordinates_are_unchanged_by_a_transfer(points, S):
     """Table IV; the printed alpha_m does not depend on which way the axes were found to point."""
@@ -68,7 +64,6 @@ def test_grasp_line_coordinates_are_unchanged_by_a_transfer(points, S):
     assert before.paper()[0] == pytest.approx(before.d_c / np.sqrt(reference.area))
 
 
-@FEW
 @given(st.one_of(stars(), blobs()), similarities())
 def test_rrp_is_exact_under_similarities_and_reversible(points, S):
     reference, current = Contour(points), Contour(apply_homography(S, points))
@@ -89,7 +84,6 @@ def by_homography(grasp, reference, current, prior=None):
         assume(False)
 
 
-@FEW
 @given(stars(), similarities())
 def test_homography_is_exact_under_similarities_where_samples_correspond(points, H):
     reference, current = Contour(points), Contour(apply_homography(H, points))
@@ -102,7 +96,6 @@ def test_homography_is_exact_under_similarities_where_samples_correspond(points,
     np.testing.assert_allclose(apply_homography(moved.homography, points), current.points, atol=1e-4)
 
 
-@FEW
 @given(stars(), frame_motions())
 def test_homography_is_exact_with_a_prior_that_is(points, H):
     """Curvature is not invariant to perspective, but the prior carries the first outline before it is compared."""
@@ -124,7 +117,7 @@ def sampled(points, count, start):
 def test_homography_matches_between_samples():
     """Each view sampled on its own at steps of about 2.5 px: whole samples would be off by up to half a step."""
     off = []
-    for seed in range(40):
+    for seed in range(15):
         rng = np.random.default_rng(seed)
         angle = 2 * np.pi * (np.arange(7) + rng.uniform(-0.25, 0.25, 7)) / 7
         corners = np.column_stack([1.6 * np.cos(angle), np.sin(angle)]) * 100 * rng.uniform(0.45, 1.4, (7, 1)) + 300
@@ -141,7 +134,6 @@ def test_homography_matches_between_samples():
     assert np.median(off) < 0.15 and np.max(off) < 1.5
 
 
-@FEW
 @given(stars(), frame_motions(), st.integers(0, 299), st.booleans())
 def test_transfers_do_not_depend_on_first_point_or_direction(points, H, start, reverse):
     reference, current = Contour(points), Contour(apply_homography(H, points))
@@ -207,7 +199,7 @@ def test_three_contacts_move_along_their_normals_onto_the_outline():
 def test_a_clipped_outline_is_matched_with_the_last_frame_or_refused():
     """Curvature scaled by what the border left, and peaks looked for beyond it, were 20 px off."""
     answered, off = 0, []
-    for seed in range(60):
+    for seed in range(30):
         rng = np.random.default_rng(seed)
         angle = 2 * np.pi * (np.arange(8) + rng.uniform(-0.25, 0.25, 8)) / 8
         corners = np.column_stack([1.4 * np.cos(angle), np.sin(angle)]) * 100 * rng.uniform(0.6, 1.4, (8, 1)) + 300
@@ -236,14 +228,14 @@ def test_a_clipped_outline_is_matched_with_the_last_frame_or_refused():
             continue
         answered += 1
         off.append(np.abs(moved.grasp.contacts - apply_homography(H, grasp.contacts)).max())
-    assert len(off) >= 30 and answered >= 0.6 * len(off)
+    assert len(off) >= 15 and answered >= 0.6 * len(off)
     assert np.mean(np.array(off) > 3.0) <= 0.03
 
 
 def test_only_outlines_that_fit_themselves_turned_are_ambiguous():
     """Third moments that vanish are no symmetry: one random outline in five was refused for it."""
     told, refused = 0, []
-    for seed in range(300):
+    for seed in range(100):
         rng = np.random.default_rng(seed)
         t = np.linspace(0, 2 * np.pi, 240, endpoint=False)
         k = np.arange(1, 8)
@@ -267,7 +259,7 @@ def test_only_outlines_that_fit_themselves_turned_are_ambiguous():
             continue
         truth = apply_homography(turn, grasp.contacts)
         assert min(np.abs(found - truth).max(), np.abs(found[::-1] - truth).max()) < 5.0
-    assert told > 250 and len(refused) <= 0.02 * told
+    assert told > 80 and len(refused) <= 0.02 * told
     assert max(refused, default=0.0) < 0.03
 
 

@@ -15,20 +15,20 @@ import pytest
 
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.io.results import GraspsCsv
-from grasptrack.io.run import Tally
+from grasptrack.io.results import GraspsCsv, Tally
 from grasptrack.tracking.result import TrackResult
 from grasptrack.view import pair
 from grasptrack.view.draw import MAX_SIDE, draw_overlay
 from grasptrack.view.marks import friction_cones, jacobian_at
 from grasptrack.view.pair import write_pair
 from grasptrack.view.style import STATUS_RGB, add_legend, create_figure, ellipsise_text, rgb_to_bgr, text_width
-from grasptrack.view.summary import Curves, Filmstrip, write_summary
+from grasptrack.view.summary import BinnedCurves, Filmstrip, write_summary
 from test_io_run import SQUARE, analysis, answer
 
 H = np.array([[0.9, -0.2, 30.0], [0.25, 1.1, 12.0], [4e-4, -3e-4, 1.0]])
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("status", ["tracked", "unstable", "lost", "searching"])
 @pytest.mark.parametrize("shape", [(480, 640), (480, 640, 3), (480, 640, 4), (33, 41), (3000, 4000, 3), (2000, 90)])
 def test_any_frame_can_be_drawn_and_keeps_its_proportions(status: str, shape: tuple[int, ...]) -> None:
@@ -114,7 +114,7 @@ def run_of(path: Path, count: int) -> Tally:
 
 def test_curves_keep_every_extreme_in_bounded_memory(tmp_path: Path) -> None:
     run_of(tmp_path / "g.csv", 5000)
-    curves = Curves(tmp_path / "g.csv", 5000)
+    curves = BinnedCurves(tmp_path / "g.csv", 5000)
     assert curves.bins == 1600
     with (tmp_path / "g.csv").open() as file:
         latencies = [float(r["latency_ms"]) for r in csv.DictReader(file)]
@@ -122,7 +122,8 @@ def test_curves_keep_every_extreme_in_bounded_memory(tmp_path: Path) -> None:
     assert curves.bin_centres[0] < curves.bin_centres[-1] < 5000
 
 
-@pytest.mark.parametrize("count", [1, 2, 7, 2000])
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("count", [1, 2000])
 def test_a_summary_of_a_run_of_any_length(tmp_path: Path, count: int) -> None:
     tally, strip = run_of(tmp_path / "g.csv", count), Filmstrip()
     for i in range(count):
@@ -191,7 +192,7 @@ def test_the_confidence_of_a_lost_frame_is_told_as_that_of_a_guess(monkeypatch: 
     )
     image = np.zeros((480, 640, 3), np.uint8)
     draw_overlay(image, replace(answer(58), confidence=0.99608))
-    assert "confidence" in told and "1.00" in told
+    assert "confidence" in told and "0.9961" in told
     told.clear()
     draw_overlay(image, TrackResult(58, None, "lost", "another shape", confidence=0.99608))
     assert "best guess" in told and "0.9961" in told

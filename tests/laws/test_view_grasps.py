@@ -55,6 +55,7 @@ def drawn(
     return page
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "image",
     [
@@ -71,13 +72,14 @@ def test_any_image(image: np.ndarray, tmp_path: Path) -> None:
     drawn(tmp_path, image, planned(PLATE, across(PLATE, 3)))
 
 
-@pytest.mark.parametrize("fingers", [2, 3])
-@pytest.mark.parametrize("count", [0, 1, 2, 5, 10, 14])
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize(("count", "fingers"), [(0, 2), (1, 3), (2, 2), (5, 3), (10, 2), (14, 3)])
 def test_any_number_of_grasps(count: int, fingers: int, tmp_path: Path) -> None:
     grasps = across(PLATE, count, fingers) if count else NONE
     drawn(tmp_path, np.full((240, 320), 128, np.uint8), planned(PLATE, grasps), mm=4.2, fingers=fingers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [(150.0, 110.0), (5.0, 100.0), (140.0, 6.0), (12.0, 9.0), (900.0, 700.0)])
 def test_objects_of_any_shape(axes: tuple[float, float], tmp_path: Path) -> None:
     outline = ellipse(*axes, (160, 120))

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import grasptrack as gt
@@ -18,7 +18,7 @@ from grasptrack.cli.main import main
 from grasptrack.errors import InputError, SourceError
 from grasptrack.first_image import FirstImage
 from grasptrack.geometry.cameras import Camera
-from grasptrack.segmentation.background import background_maps, relight
+from grasptrack.segmentation.background import background_maps, relight_background
 from grasptrack.segmentation.first_look import find_objects
 
 BENCH = grained(3)
@@ -32,7 +32,6 @@ LIGHTS = {
 
 
 @pytest.mark.slow
-@settings(max_examples=12, deadline=None)
 @given(
     st.floats(0.5, 1.2), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.0, 12.0),
     st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.integers(0, 99),
@@ -46,10 +45,11 @@ def test_an_empty_bench_differs_nowhere(
     inner = (slice(20, -20), slice(20, -20))
     for each in background_maps(image, EMPTY):
         assert float((each[inner] > 0.5).mean()) < 0.002
-    relit = relight(image.astype(np.float32), EMPTY.astype(np.float32))
+    relit = relight_background(image.astype(np.float32), EMPTY.astype(np.float32))
     assert np.abs(relit.motion[:, 2] + (dx, dy)).max() < 0.5
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("light", LIGHTS)
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (3.3, -2.1)])
 def test_what_was_laid_is_mapped_in_any_light(light: str, shift: tuple[float, float]) -> None:
@@ -74,6 +74,7 @@ def test_a_shadow_of_another_hue_than_the_object_is_told_from_it() -> None:
     assert coloured[truth > 0].mean() > 0.9
 
 
+@pytest.mark.slow
 def test_the_object_is_found_where_grain_and_reflections_hide_it() -> None:
     """A dull plate on a coarse grain, and lamps that shine in both pictures: without the empty bench it is not found."""
     coarse = glare(glare(grained(8, depth=75.0), 520, 380, 220.0, 35.0), 90, 120, 220.0, 30.0)

@@ -17,6 +17,7 @@ from grasptrack.errors import InputError
 from grasptrack.io.run import run_track
 from grasptrack.tracking.tracker import GraspTracker
 from recordings import picture, plate, rows
+from test_cli_bad_input import refused
 
 pytest.importorskip("rosbags", reason="the extra bags is not installed")
 
@@ -25,6 +26,7 @@ GREY = [image[:, :, 0] for image in COLOUR]
 DEEP = [(image.astype(np.uint16) * 16) for image in GREY]
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     ("encoding", "stored", "expected"),
@@ -97,8 +99,7 @@ def test_an_absent_topic_is_told_with_those_there_are(tmp_path: Path) -> None:
 def test_a_bag_without_images(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write_text_bag(tmp_path / "text.bag")
     assert said(path).endswith("holds no images; its topics: /chatter")
-    assert main(["track", str(path), "--output", str(tmp_path / "o")]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    refused(["track", str(path), "--output", str(tmp_path / "o")], capsys)
 
 
 def test_what_is_no_bag(tmp_path: Path) -> None:
@@ -143,8 +144,7 @@ def test_without_the_package_one_line_names_the_extra(
     monkeypatch.setattr("grasptrack.plugins.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r'pip install "grasptrack\[bags\]"'):
         open_source(path)
-    assert main(["track", str(path), "--output", str(tmp_path / "o")]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    refused(["track", str(path), "--output", str(tmp_path / "o")], capsys)
 
 
 def test_a_frame_of_another_size_ends_a_run_with_its_rows_kept(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from grasptrack_bench.simulation import SHAPES, Scene, similarity_path
 FRAMES = Scene(SHAPES["bracket"](), similarity_path(4, seed=5), seed=5)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("rank", [0, 3])
 def test_the_grasp_that_was_chosen_is_followed(rank: int) -> None:
     seen: list[View] = []

@@ -18,7 +18,7 @@ from program import whole_program
 
 PROGRAM: Any = whole_program()
 UNITS = {"MS": "in ms", "FPS": "in frames/s", "PX_PER_MM": "in px per mm", "MP": "in 10^6 px"}
-WORDS = {"MU": "coefficient", "P": "robability"}
+WORDS = {"MU": "coefficient", "P": "robability", "R": "Ratio"}
 TEXTS = {"NAME", "A,B", "DIR", "FILE", "ADDRESS", "NAME=VALUE"}
 PIXELS = {"X,Y", "X,Y,W,H", '"X,Y X,Y ..."'}
 COUNTS = r"(Number of|Seed of|Candidate to take|Record images as JPEG of this quality)"

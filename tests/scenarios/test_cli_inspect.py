@@ -34,6 +34,7 @@ def data(tmp_path: Path) -> dict[str, Any]:
     return dict(json.loads((tmp_path / "out" / "inspect.json").read_text(), parse_constant=refuse))
 
 
+@pytest.mark.whole
 def test_the_table_and_both_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(given(write(tmp_path / "a.png", plate()), tmp_path)) == 0
     said = capsys.readouterr()
@@ -69,7 +70,7 @@ def test_a_poor_object_is_no_error_and_says_what_would_help(tmp_path: Path, caps
 
 
 def test_json_on_stdout_is_that_of_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(given(write(tmp_path / "a.png", plate()), tmp_path, "--json")) == 0
+    assert main(given(write(tmp_path / "a.png", plate()), tmp_path, "--json", "--runs", "1")) == 0
     assert json.loads(capsys.readouterr().out) == data(tmp_path)
 
 
@@ -80,7 +81,7 @@ def test_quiet_writes_the_files_and_says_nothing(tmp_path: Path, capsys: pytest.
 
 
 def test_keys_of_inspect_json_are_those_that_are_told_of(tmp_path: Path) -> None:
-    seen = inspection_to_dict(inspect(plate()), "a.png", (240, 320), {})
+    seen = inspection_to_dict(inspect(plate(), runs=1), "a.png", (240, 320), {})
     told = (DOCS / "files.md").read_text(encoding="utf-8").split("## inspect.json")[1].split("\n## ")[0]
     first = re.findall(r"^\| (`[^|]+`) \|", told, re.MULTILINE)
     assert set(re.findall(r"`(\w+)`", " ".join(first))) == set(seen)
@@ -89,15 +90,18 @@ def test_keys_of_inspect_json_are_those_that_are_told_of(tmp_path: Path) -> None
 def test_what_is_asked_for_is_done(tmp_path: Path) -> None:
     image = drawn(0.8 * L_PLATE, ellipse(25.0, 25.0), centres=((110.0, 140.0), (260.0, 50.0)), noise=0.5)
     source = write(tmp_path / "a.png", image)
-    assert main(given(source, tmp_path, "--object", "260,50", "--fingers", "3", "--friction", "0.8", "-q")) == 0
+    assert (
+        main(given(source, tmp_path, "--object", "260,50", "--fingers", "3", "--friction", "0.8", "-q", "--runs", "1"))
+        == 0
+    )
     seen = data(tmp_path)
     assert len(seen["grasp"]["contacts"]) == 3 and seen["symmetry"]["every_turn"]
     assert np.allclose(np.mean(seen["outline"][0], axis=0), [260.0, 50.0], atol=1.0)
     contacts = " ".join(f"{x:.3f},{y:.3f}" for x, y in seen["grasp"]["contacts"])
-    assert main(given(source, tmp_path, "--grasp", contacts, "--friction", "0.8", "-q")) == 0
+    assert main(given(source, tmp_path, "--grasp", contacts, "--friction", "0.8", "-q", "--runs", "1")) == 0
     assert np.allclose(data(tmp_path)["grasp"]["contacts"], seen["grasp"]["contacts"], atol=0.01)
     mask = write(tmp_path / "m.png", np.where(image < 130, 255, 0).astype(np.uint8))
-    assert main(given(source, tmp_path, "--mask", str(mask), "--box", "225,15,70,70", "-q")) == 0
+    assert main(given(source, tmp_path, "--mask", str(mask), "--box", "225,15,70,70", "-q", "--runs", "1")) == 0
     assert data(tmp_path)["symmetry"]["every_turn"] and data(tmp_path)["object"]["contrast"] > 200.0
 
 
@@ -108,7 +112,7 @@ def test_a_hand_without_a_grasp_is_told(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def test_ellipses_are_drawn_to_be_seen() -> None:
-    calm, noisy = inspect(drawn(L_PLATE, noise=0.5)), inspect(drawn(L_PLATE, noise=10.0))
+    calm, noisy = (inspect(drawn(L_PLATE, noise=n), runs=1) for n in (0.5, 10.0))
     times = [ellipse_magnification(each, 0.5) for each in (calm, noisy)]
     assert times[0] > times[1] >= 1.0
     assert all(re.fullmatch(r"[125]0*", f"{each:.0f}") for each in times)

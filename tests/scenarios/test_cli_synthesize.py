@@ -47,6 +47,7 @@ def near(found: dict[str, Any], x: float, y: float) -> bool:
     return math.dist(centroid(found), (x, y)) < 3.0
 
 
+@pytest.mark.whole
 def test_the_table_and_both_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write(tmp_path / "a.png", plate())
     assert main(given(source, tmp_path, "--top", "4")) == 0

@@ -53,6 +53,7 @@ def test_what_is_believed_is_told_with_its_confidence(tmp_path: Path, capsys: py
     assert json.loads(capsys.readouterr().out)["outcomes"] == told["outcomes"]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("scale", [0.42, 0.9])
 def test_a_blank_key_is_no_page_of_print(scale: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By its outline alone each square is every other one."""
@@ -100,12 +101,7 @@ def test_a_risk_that_is_none(risk: str, tmp_path: Path, capsys: pytest.CaptureFi
     assert "--risk must be a probability between 0 and 1" in capsys.readouterr().err
 
 
-def test_the_help_tells_the_status(capsys: pytest.CaptureFixture[str]) -> None:
-    for given in (["transfer", "--help"], ["--help"]):
-        assert main(given) == 0
-        assert "xit status" in (out := " ".join(capsys.readouterr().out.split())) and "3" in out.split("xit status")[1]
-
-
+@pytest.mark.sampled(1)
 @pytest.mark.skipif(not (DATA / "stills").is_dir(), reason="needs the folder of real stills")
 @pytest.mark.parametrize("key", ["100,105", "233,112", "410,215", "320,290", "140,430"])
 def test_a_square_of_another_board_is_no_page(key: str, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from grasptrack.geometry.contours import Contour
 from grasptrack.images import PLAIN
 from grasptrack.segmentation.candidate import best_color_projection
-from grasptrack_bench.simulation import SHAPES, Shape, Texture
+from grasptrack_bench.simulation import SHAPES, Shape, TextureMap
 from stages import HEIGHT, WIDTH, Colour, Run, bar, mirrored, photo, pose, twin
 
 BRACKET, PLATE = (SHAPES[n]() for n in ("bracket", "notched-plate"))
@@ -24,9 +24,9 @@ BLUE: Colour = (240.0, 132.0, 72.0)
 """Of very nearly GREY's lightness to a camera without colours."""
 
 
-def paint(first: Colour, second: Colour, second_at: np.ndarray) -> Texture:
+def paint(first: Colour, second: Colour, second_at: np.ndarray) -> TextureMap:
     picture = np.where(second_at[..., None], np.array(second), np.array(first)).astype(np.uint8)
-    return Texture(cv2.GaussianBlur(picture, (0, 0), 0.8), 4.0)
+    return TextureMap(cv2.GaussianBlur(picture, (0, 0), 0.8), 4.0)
 
 
 y, x = np.mgrid[:512, :512] - 255.5
@@ -45,8 +45,10 @@ def moved(k: int) -> np.ndarray:
     return pose(150.0 + 2 * k, 118.0 + k, 2.0 * k, 70.0, 0.8 * k)
 
 
-@pytest.mark.parametrize("strategy", ["auto", "rrp"])
-@pytest.mark.parametrize("light", [0.5, 0.7, (0.75, 1.0, 1.2)], ids=["half", "less", "balance"])
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize(
+    ("strategy", "light"), [("auto", 0.5), ("auto", 0.7), ("auto", (0.75, 1.0, 1.2)), ("rrp", 0.5)]
+)
 @pytest.mark.parametrize("surface", SURFACES)
 def test_a_sudden_change_of_light_is_followed(surface: str, light: float | Colour, strategy: str) -> None:
     run = Run(strategy=strategy)
@@ -65,6 +67,7 @@ def test_light_that_changes_slowly_is_followed(surface: str) -> None:
     run.check(11)
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("strategy", ["auto", "rrp"])
 @pytest.mark.parametrize("surface", SURFACES)
 @pytest.mark.parametrize(
@@ -87,6 +90,7 @@ def test_an_exchanged_object_is_not_the_object(
     run.check()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("surface", SURFACES)
 def test_a_cover_is_never_taken_for_the_object(surface: str) -> None:
     run = Run()

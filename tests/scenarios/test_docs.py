@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import house
 import written_pages
 from grasptrack.cli.main import main
 from grasptrack.io.columns import csv_columns
@@ -19,7 +20,7 @@ from program import whole_program
 from recordings import plates
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCS, PACKAGE = ROOT / "docs", ROOT / "src" / "grasptrack"
+DOCS = ROOT / "docs"
 ELSEWHERE = ("grasptrack_bench", "research", "reference")
 """Names of modules that are not below `grasptrack`."""
 PAGES = (*sorted(str(path.relative_to(DOCS)) for path in DOCS.rglob("*.md")), "../README.md", "../CONTRIBUTING.md")
@@ -27,6 +28,8 @@ WORDS = 15_000
 """What people write in README, CONTRIBUTING and docs: what it takes two hours to read."""
 PLUG_INS = ("cameras.pylon", "cameras.genicam", "cameras.realsense", "ros2", "recorders")
 """Modules of `io` that nothing imports by name."""
+CV2 = {"demo", "images", "io", "nets", "segmentation", "snake", "trackability", "tracking", "undistortion", "view"}
+"""Who may see with OpenCV."""
 
 
 def text(page: str) -> str:
@@ -196,16 +199,12 @@ def top(module: str) -> str:
     return module.split(".")[0]
 
 
-def modules() -> dict[str, Path]:
-    found = {}
-    for path in sorted(PACKAGE.rglob("*.py")):
-        parts = [p for p in path.relative_to(PACKAGE).with_suffix("").parts if p != "__init__"]
-        found[".".join(parts)] = path
-    return found
+def modules() -> dict[str, house.Module]:
+    return {name.partition(".")[2]: m for name, m in house.modules().items() if name.split(".")[0] == "grasptrack"}
 
 
 @cache
-def imported(path: Path) -> set[str]:
+def imported(module: house.Module) -> set[str]:
     """Everything that a file imports when it runs, at once or late; what only a type checker reads is left out."""
     names: set[str] = set()
 
@@ -218,11 +217,11 @@ def imported(path: Path) -> set[str]:
             if isinstance(child, ast.Import):
                 names.update(a.name for a in child.names)
             elif isinstance(child, ast.ImportFrom) and child.module:
-                assert child.level == 0, f"{path}: relative import"
+                assert child.level == 0, f"{module.path}: relative import"
                 names.update(f"{child.module}.{a.name}" for a in child.names)
             visit(child)
 
-    visit(ast.parse(path.read_text(encoding="utf-8")))
+    visit(module.tree)
     return names
 
 
@@ -231,8 +230,8 @@ def graph() -> dict[str, set[str]]:
     """For each module of the package the modules of the package that it imports, names below `grasptrack`."""
     known = modules()
     out: dict[str, set[str]] = {}
-    for module, path in known.items():
-        below = {n.removeprefix("grasptrack").lstrip(".") for n in imported(path) if n.split(".")[0] == "grasptrack"}
+    for module, source in known.items():
+        below = {n.removeprefix("grasptrack").lstrip(".") for n in imported(source) if n.split(".")[0] == "grasptrack"}
         out[module] = {n if n in known else n.rpartition(".")[0] for n in below if n}
     return out
 
@@ -264,12 +263,7 @@ def test_imports_go_one_way() -> None:
 
 
 def test_no_module_imports_itself_by_way_of_others() -> None:
-    left = dict(graph())
-    while left:
-        free = [m for m, others in left.items() if not ((others - {m}) & left.keys())]
-        assert free, f"a circle among {sorted(left)}"
-        for m in free:
-            del left[m]
+    assert house.circles(graph()) == []
 
 
 @pytest.mark.parametrize(
@@ -282,21 +276,7 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
         ("grasptrack.live", {"live", "cli"}),
         ("av", {"io"}),
         ("matplotlib", {"view"}),
-        (
-            "cv2",
-            {
-                "demo",
-                "images",
-                "io",
-                "nets",
-                "segmentation",
-                "snake",
-                "trackability",
-                "tracking",
-                "undistortion",
-                "view",
-            },
-        ),
+        ("cv2", CV2),
         ("grasptrack_bench", set()),
         ("research", set()),
         ("grasptrack.snake", {"snake", "tracking"}),
@@ -307,7 +287,7 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
 def test_who_may_import_what(package: str, homes: set[str]) -> None:
     users = {
         top(module)
-        for module, path in modules().items()
-        if any(f"{n}.".startswith(f"{package}.") for n in imported(path))
+        for module, source in modules().items()
+        if any(f"{n}.".startswith(f"{package}.") for n in imported(source))
     }
     assert users <= homes

@@ -183,6 +183,7 @@ def needs_arguments(verb: str) -> bool:
 # --- as they stand -------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(37)
 @pytest.mark.parametrize("command", documented())
 def test_every_command_is_known(command: str) -> None:
     """As it stands: verbs, options and values by the program's own parser, scripts, targets of make, extras of pip."""

@@ -39,6 +39,7 @@ def complete(code: str) -> str:
     return "\n".join([*first, *([f"from documented_world import {', '.join(given)}"] if given else []), code])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", blocks())
 def test_each_block_runs(name: str, tmp_path: Path) -> None:
     from documented_world import write_video

@@ -19,7 +19,7 @@ BESIDE = {"dev", "all", "docs"}
 
 
 def test_every_extra_is_told_with_what_it_is_for() -> None:
-    assert set(doctor.requirements()) - BESIDE <= set(doctor.EXTRAS)
+    assert set(doctor.extra_requirements()) - BESIDE <= set(doctor.EXTRAS)
     assert [f.name for f in doctor.examine_extras()] == list(doctor.EXTRAS)
 
 

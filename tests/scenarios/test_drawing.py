@@ -35,13 +35,14 @@ def found() -> dict[str, Any]:
         "outline": outline,
         "contour": outline.outer,
         "analysis": gt.analyze(grasps[0], outline),
-        "suitability": gt.inspect(image),
+        "suitability": gt.inspect(image, runs=1),
     }
 
 
 DRAWN = ["result", "lost", "candidates", "grasps", "grasp", "transfer", "outline", "contour", "suitability"]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", DRAWN)
 def test_all_that_is_found_can_be_drawn_on_its_image_and_without(found: dict[str, Any], kind: str) -> None:
     image = found["image"].copy()

@@ -19,6 +19,7 @@ from grasptrack.tracking.tracker import GraspTracker
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("[0-9]*.py")), ids=lambda p: p.stem)
 def test_examples_run_without_arguments(example: Path, tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), os.environ.get("PYTHONPATH", "")])}
@@ -59,6 +60,7 @@ def test_a_truth_that_cannot_be_written_whole_leaves_the_one_before(
     assert [path.read_text() for path in tmp_path.glob("truth*")] == ["of the run before"]
 
 
+@pytest.mark.slow
 def test_auto_follows_the_demonstration() -> None:
     tracker, frames = GraspTracker(), list(demo_scene(60))
     results = [tracker.update(frame.image, time=frame.time) for frame in frames]

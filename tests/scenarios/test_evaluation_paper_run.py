@@ -215,10 +215,7 @@ def test_table_seven_is_that_of_the_frames(folder):
                     answered = [c for c in course if c is not None]
                     measure = (
                         {
-                            unit: (
-                                sum(c[unit][0] for c in answered) / len(answered),
-                                max(c[unit][1] for c in answered),
-                            )
+                            unit: (sum(c[unit][0] for c in answered) / len(answered), max(c[unit][1] for c in answered))
                             for unit in ("1/px", "px", "% of opening")
                         }
                         if answered

@@ -23,9 +23,9 @@ from grasptrack.tracking.result import TrackResult
 from grasptrack_bench.baselines import PEERS, available_baselines, missing_baselines
 from grasptrack_bench.baselines.base import region_of
 from grasptrack_bench.baselines.direct import MARGIN
-from grasptrack_bench.method import Method, Start
+from grasptrack_bench.method import Method, MethodStart
 from grasptrack_bench.metrics.errors import contact_distances
-from grasptrack_bench.simulation import SHAPES, Camera, Conditions, Scene, SceneFrame, similarity_path
+from grasptrack_bench.simulation import SHAPES, Conditions, Pinhole, Scene, SceneFrame, similarity_path
 
 SIZE = (400, 300)
 BOUNDS = {
@@ -49,13 +49,13 @@ def easy(colour: bool = False) -> tuple[SceneFrame, ...]:
     """Eight frames of a bracket that moves by a gentle similarity."""
     path = similarity_path(8, distance=4.2, reach=0.1, zoom=0.05, turn=0.25, seed=2)
     lens = Conditions(blur=0.7, noise=1.5)
-    return tuple(Scene(SHAPES["bracket"](), path, camera=Camera(*SIZE), conditions=lens, colour=colour, seed=2))
+    return tuple(Scene(SHAPES["bracket"](), path, camera=Pinhole(*SIZE), conditions=lens, colour=colour, seed=2))
 
 
-def start(outline: bool = True) -> Start:
+def start(outline: bool = True) -> MethodStart:
     """A grasp on the bracket, and its outline or nothing of it."""
     first = easy()[0]
-    return Start(grasp().copy(), first.outline if outline else (), SIZE)
+    return MethodStart(grasp().copy(), first.outline if outline else (), SIZE)
 
 
 @lru_cache
@@ -83,6 +83,7 @@ def check(result: TrackResult, index: int) -> None:
         assert np.isnan(result.confidence) or 0.0 <= result.confidence <= 1.0 + 1e-6
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", HERE)
 def test_each_follows_an_easy_sequence(name: str) -> None:
     given_ = start()
@@ -100,6 +101,7 @@ def test_the_first_image_is_where_the_grasp_is(name: str) -> None:
     np.testing.assert_array_equal(first.homography, np.eye(3))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", HERE)
 def test_without_an_outline_and_in_colour_it_follows_as_well(name: str) -> None:
     given_ = start(outline=False)
@@ -108,6 +110,7 @@ def test_without_an_outline_and_in_colour_it_follows_as_well(name: str) -> None:
     assert contact_distances(last.contacts, easy()[-1].contacts(given_.contacts)).max() < 2.0 * BOUNDS[name]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", HERE)
 def test_the_digits_do_not_depend_on_what_else_runs(name: str) -> None:
     alone = run(PEERS[name](start()), images())
@@ -126,7 +129,7 @@ def test_the_digits_do_not_depend_on_what_else_runs(name: str) -> None:
 @pytest.mark.parametrize("level", [0, 128, 255])
 def test_nothing_begins_on_a_blank_image(name: str, level: int) -> None:
     blank = np.full((SIZE[1], SIZE[0]), level, np.uint8)
-    results = run(PEERS[name](Start(start().contacts, (), SIZE)), [blank, images()[0]])
+    results = run(PEERS[name](MethodStart(start().contacts, (), SIZE)), [blank, images()[0]])
     for index, result in enumerate(results):
         check(result, index)
     if name in (*FIRST_OF_ALL, "visp") or name.startswith("paper-"):
@@ -150,7 +153,8 @@ def test_it_is_found_again_after_a_blank_image(name: str) -> None:
     assert contact_distances(last.contacts, easy()[3].contacts(start().contacts)).max() < 2.0 * BOUNDS[name]
 
 
-@settings(max_examples=12, deadline=None)
+@pytest.mark.sampled(2)
+@settings(max_examples=5)
 @given(seed=st.integers(0, 2**31), kind=st.sampled_from(["noise", "blocks", "smaller", "colour", "tiny"]))
 @pytest.mark.parametrize("name", sorted(PEERS))
 def test_no_image_makes_it_crash(name: str, seed: int, kind: str) -> None:
@@ -169,7 +173,7 @@ def test_no_image_makes_it_crash(name: str, seed: int, kind: str) -> None:
 def test_the_papers_methods_refuse_what_does_not_close_in_the_image(name: str) -> None:
     """Fig. 3: the transferred grasp is analysed; two contacts at one corner press past each other."""
     outer = easy()[0].outline[0]
-    corner = Start(np.array([outer[0], outer[len(outer) // 5]]), easy()[0].outline, SIZE)
+    corner = MethodStart(np.array([outer[0], outer[len(outer) // 5]]), easy()[0].outline, SIZE)
     contour = Contour(resample(np.ascontiguousarray(outer), 300, 0.0))
     assert not analyze(Grasp(corner.contacts), contour).stable
     results = run(PEERS[name](corner), images())

@@ -17,11 +17,12 @@ from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack_bench import real
 from grasptrack_bench.baselines.direct import Ecc
-from grasptrack_bench.method import Method, Start
+from grasptrack_bench.method import Method, MethodStart
 from grasptrack_bench.metrics.score import accept_limit
 from grasptrack_bench.real import Given, another_object, read_scenes, share_in_view
 from grasptrack_bench.records import read_records
 from scores import write_homographies
+from test_cli_bad_input import refused
 
 SIZE = (320, 240)
 CARD = np.array([[60.0, 60.0], [130.0, 66.0], [126.0, 112.0], [56.0, 106.0]])
@@ -83,6 +84,7 @@ def evaluated(films: Path, out: Path, *more: str) -> int:
     return main(["evaluate", "real", str(films), "--workers", "1", "--output", str(out), *more])
 
 
+@pytest.mark.slow
 def test_the_pixel_chooses_the_object_and_the_table_says_what_was_whole(
     films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -118,6 +120,7 @@ def test_the_pixel_chooses_the_object_and_the_table_says_what_was_whole(
     assert float(rows["ecc", "all"]["located_whole"]) == 1.0 and rows["ecc", "all"]["false_accepts"] == "0"
 
 
+@pytest.mark.slow
 def test_another_object_is_named_and_the_other_videos_are_measured(
     films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -138,6 +141,7 @@ def copied(films: Path, folder: Path, rows: list[list[str]]) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_pixel_of_another_object_and_a_video_that_is_not_there(
     films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -153,9 +157,9 @@ def test_a_pixel_of_another_object_and_a_video_that_is_not_there(
 
 @pytest.mark.parametrize("given", ["pixel", "quad", "nothing"])
 def test_what_methods_are_told(films: Path, monkeypatch: pytest.MonkeyPatch, given: Given) -> None:
-    told: list[Start] = []
+    told: list[MethodStart] = []
 
-    def make(start: Start) -> Method:
+    def make(start: MethodStart) -> Method:
         told.append(start)
         return Ecc(start)
 
@@ -227,6 +231,4 @@ def test_what_cannot_be_given_is_one_line(
 ) -> None:
     folder = copied(films, tmp_path / "in", [])
     (folder / "scenes.csv").unlink()
-    assert evaluated(folder, tmp_path / "out", *more) == 2
-    shown = capsys.readouterr().err
-    assert told in shown and shown.count("\n") == 1
+    assert told in refused(["evaluate", "real", str(folder), "--output", str(tmp_path / "out"), *more], capsys)

@@ -96,13 +96,14 @@ CALLS = {
 }
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
 @pytest.mark.parametrize(("loop", "where"), [(loop, where) for loop, calls in CALLS.items() for where in calls])
 def test_whatever_is_raised_the_arm_is_told_to_stand(
     monkeypatch: pytest.MonkeyPatch, loop: str, where: str, error: type[BaseException]
 ) -> None:
     run, parts, told = LOOPS[loop]()
-    moment = int(np.random.default_rng([*where.encode(), len(error.__name__)]).integers(60, 400))
+    moment = int(np.random.default_rng([*where.encode(), len(error.__name__)]).integers(60, 160))
     fault = Fault(error, where, moment)
     for owner in [*parts, gt.GraspServo]:
         for name in CALLS[loop]:
@@ -114,6 +115,7 @@ def test_whatever_is_raised_the_arm_is_told_to_stand(
     assert not told[-1].any()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("loop", "states"),
     [("06_servo", "done"), ("06_servo", "failed"), ("06_servo", "gone"), ("07_ur", "empty"), ("notebook", "gone")],

@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import grasptrack as gt
@@ -125,7 +125,6 @@ def test_nested_regions_stay_and_probabilities_fall() -> None:
     assert inner.view.outer.area == pytest.approx(140.0**2, rel=0.05)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.lists(st.floats(-12.0, 0.0), min_size=1, max_size=30),
     st.floats(0.0, 20.0),
@@ -204,7 +203,7 @@ def test_a_net_runs_through_opencv_and_a_bad_file_is_told(tmp_path: Path) -> Non
     image = np.full((480, 640), 30, np.uint8)
     cv2.fillPoly(image, [PLATE], (220,), cv2.LINE_AA)
     made = SalientNet(net, 64)
-    shown = made.saliency(image)
+    shown = made.saliency_map(image)
     assert shown.shape == image.shape and shown[260, 250] > 0.8 > 0.3 > shown[20, 20]
     first = gt.first_look(image, segmenter=made)[0]
     assert first.view.outer.area == pytest.approx(area_of(PLATE), rel=0.03)

@@ -37,6 +37,7 @@ def sheet(quad: np.ndarray, printed: bool, seed: int = 3) -> np.ndarray:
     return photographed(scene, seed + 1)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("printed", [False, True])
 @pytest.mark.parametrize("name", WHOLE)
 def test_a_sheet_that_nearly_fills_the_image_comes_first(name: str, printed: bool) -> None:
@@ -45,6 +46,7 @@ def test_a_sheet_that_nearly_fills_the_image_comes_first(name: str, printed: boo
     assert not first.view.is_clipped
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("printed", [False, True])
 @pytest.mark.parametrize("name", CUT)
 def test_a_sheet_that_the_border_cuts_is_offered_and_said_to_be_cut(name: str, printed: bool) -> None:

@@ -16,7 +16,7 @@ from grasptrack.cli.main import main
 from grasptrack.errors import InputError
 from grasptrack.first_image import FirstImage
 from grasptrack.segmentation.closed_edges import RECIPES
-from grasptrack.segmentation.proposals import Scene, propose_closed_edges
+from grasptrack.segmentation.proposals import PreparedImage, propose_closed_edges
 
 IMAGE = photographed(laid(laid(grained(2), PLATE, (60.0, 70.0, 200.0)), PLATE * 0.4 + 20, (230.0, 70.0, 60.0)), 3)
 
@@ -31,19 +31,19 @@ def test_the_least_work_still_finds_an_object_and_much_work_finds_all() -> None:
     assert overlap(gt.first_look(IMAGE, first_look_ms=1e6)[0].view.outer.points, PLATE) > 0.95
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(st.floats(1.0, 150.0))
 def test_the_same_bound_finds_the_same(ms: float) -> None:
     assert outlines(ms) == outlines(ms)
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.floats(0.0, 200.0), st.floats(0.0, 200.0))
 def test_closings_are_cut_short_at_the_end_and_never_beyond_the_bound(one: float, other: float) -> None:
     few, many = sorted((one, other))
     found = []
     for ms in (few, many):
-        scene = Scene(IMAGE, FirstImage(first_look_ms=ms))
+        scene = PreparedImage(IMAGE, FirstImage(first_look_ms=ms))
         found.append([(p.recipe, p.silhouette.box) for p in propose_closed_edges(scene)])
         assert scene.work.spent_ms <= ms or not found[-1] or scene.work.spent_ms < 1.2 * ms
     assert found[1][: len(found[0])] == found[0]

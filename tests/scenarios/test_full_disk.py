@@ -44,7 +44,7 @@ def parts(folder: Path) -> list[str]:
 )
 def test_track_keeps_whole_rows(tmp_path: Path, limit: int, more: list[str], name: str) -> None:
     folder, out = plates(tmp_path / "in", 40), tmp_path / "out"
-    told = refused(limit, "track", str(folder), "--output", str(out), *more)
+    told = refused(limit, "track", str(folder), "--output", str(out), "-q", *more)
     assert "cannot be written: File too large; what was computed before is in" in told
     assert name in told
     found = rows(out)
@@ -54,10 +54,11 @@ def test_track_keeps_whole_rows(tmp_path: Path, limit: int, more: list[str], nam
     assert not parts(out) and not (out / "overlay.mp4").exists()
 
 
+@pytest.mark.slow
 def test_a_recording_that_finds_no_room_keeps_its_whole_images(tmp_path: Path) -> None:
     pytest.importorskip("foxglove", reason="the extra foxglove is not installed")
     folder, out, path = plates(tmp_path / "in", 40), tmp_path / "out", tmp_path / "run.mcap"
-    told = refused(150_000, "track", str(folder), "--output", str(out), "--no-video", "--record", str(path))
+    told = refused(150_000, "track", str(folder), "--output", str(out), "-q", "--no-video", "--record", str(path))
     assert f'"{path}" cannot be written: File too large' in told
     assert json.loads((out / "run.json").read_text())["ended"] == "failed"
     with open_source(path) as source:
@@ -82,10 +83,13 @@ def small_disk() -> list[str]:
     pytest.skip("this user may not mount a small disk (unshare --user --mount)")
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full(tmp_path: Path, small_disk: list[str]) -> None:
     folder, disk, kept = plates(tmp_path / "in", 40), tmp_path / "disk", tmp_path / "kept"
     disk.mkdir()
-    run = shlex.join([sys.executable, "-m", "grasptrack.cli.main", "track", str(folder), "--output", f"{disk}/out"])
+    run = shlex.join(
+        [sys.executable, "-m", "grasptrack.cli.main", "track", str(folder), "-q", "--output", f"{disk}/out"]
+    )
     script = f"mount -t tmpfs -o size=24k none {disk} && {run}; status=$?; cp -r {disk}/out {kept}; exit $status"
     done = subprocess.run([*small_disk, script], capture_output=True, text=True)
     assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr

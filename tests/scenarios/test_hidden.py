@@ -28,6 +28,7 @@ def mark() -> np.ndarray:
     return out
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("grey", [0, 255])
 def test_a_part_is_followed_behind_the_hand_that_reaches_for_it(grey: int) -> None:
     """The reference shows it beside the finger; it then passes behind."""

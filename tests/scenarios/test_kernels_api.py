@@ -27,9 +27,9 @@ def test_every_public_name_is_there():
         _ = gt.nonsense
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
-    "before",
-    ["", "import grasptrack.transfer.rrp", "from grasptrack.transfer import Transfer", "grasptrack.transfer"],
+    "before", ["", "import grasptrack.transfer.rrp", "from grasptrack.transfer import Transfer", "grasptrack.transfer"]
 )
 def test_transfer_is_a_function_whatever_was_imported_before(before):
     code = f"import grasptrack\n{before}\nfrom grasptrack import transfer\nprint(callable(grasptrack.transfer))"

@@ -58,12 +58,13 @@ def replayed(path: Path, folder: Path) -> tuple[str, list[dict[str, Any]]]:
 
 
 def record_until_end(session: LiveSession, commands: list[Any]) -> None:
-    session.tell(told.Record(True))
+    session.send_command(told.Record(True))
     until(session, lambda s: s.recording)
     for command in commands:
-        session.tell(command)
+        session.send_command(command)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("way", WAYS)
 def test_a_session_with_clicks_is_tracked_again_to_the_last_digit(tmp_path: Path, way: str) -> None:
     with plate_session(tmp_path, 6, record_as=".mcap") as session:
@@ -100,7 +101,7 @@ def test_what_begins_in_between_keeps_no_options(tmp_path: Path) -> None:
         for k in range(3):
             camera.images.put(plate((160.0 + k, 120.0)))
             reached(session, "tracking", image=k + 1)
-            session.tell(told.Record(True))
+            session.send_command(told.Record(True))
             until(session, lambda s: s.recording)
     source = open_source(tmp_path / "recording-001.mcap")
     assert source.recorded_with == "" and len(list(source)) == 2

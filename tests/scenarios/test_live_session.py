@@ -63,7 +63,7 @@ def test_it_waits_with_a_verdict_until_it_is_told_to_start(tmp_path: Path) -> No
         shown = until(session, lambda s: s.verdict is not None)
         assert (shown.phase, shown.image) == ("choosing", 1) and shown.verdict.level == "good"
         assert shown.proposal is not None and shown.proposal.is_sure(0.9)
-        session.tell(told.Start())
+        session.send_command(told.Start())
         shown = reached(session, "ended", image=6)
         assert shown.result is not None and shown.result.object_sure
     assert len(rows(tmp_path / "run")) == 6
@@ -72,7 +72,7 @@ def test_it_waits_with_a_verdict_until_it_is_told_to_start(tmp_path: Path) -> No
 def test_a_click_follows_the_object_in_the_image_that_was_clicked(tmp_path: Path) -> None:
     with plate_session(tmp_path, 8) as session:
         reached(session, "choosing")
-        session.tell(told.Pick(1, *ON_PLATE))
+        session.send_command(told.Pick(1, *ON_PLATE))
         reached(session, "ended", image=8)
     assert [row["frame"] for row in rows(tmp_path / "run")] == [str(k) for k in range(8)]
 
@@ -86,7 +86,7 @@ def test_candidates_are_numbered_where_it_is_not_sure_and_a_number_takes_one(tmp
         assert shown.proposal is not None and len(shown.proposal.candidates) >= 2
         assert not shown.proposal.is_sure(0.9)
         second = shown.proposal.candidates[1].view.outer.points.mean(axis=0)
-        session.tell(told.Choose(2))
+        session.send_command(told.Choose(2))
         shown = reached(session, "tracking")
         assert shown.result is not None and shown.result.view is not None and shown.result.object_sure
         assert shown.result.view.outer.points.mean(axis=0) == pytest.approx(second, abs=2.0)
@@ -97,7 +97,7 @@ def test_taking_the_first_candidate_is_a_persons_word(tmp_path: Path) -> None:
     camera.images.put(two_plates())
     with session_on(camera, tmp_path) as session:
         reached(session, "choosing")
-        session.tell(told.Choose(1))
+        session.send_command(told.Choose(1))
         shown = reached(session, "tracking")
         assert shown.result is not None and shown.result.object_sure
         camera.images.put(two_plates())
@@ -118,9 +118,9 @@ def test_pixels_for_and_against_add_up_on_one_image(tmp_path: Path) -> None:
     camera.images.put(two_plates())
     with session_on(camera, tmp_path, meant=FirstImage(sure=0.9999)) as session:
         reached(session, "choosing")
-        session.tell(told.Pick(1, 340.0, 100.0))
+        session.send_command(told.Pick(1, 340.0, 100.0))
         until(session, lambda s: s.phase == "choosing" and s.meant.object_at)
-        session.tell(told.Pick(1, 30.0, 30.0, on=False))
+        session.send_command(told.Pick(1, 30.0, 30.0, on=False))
         shown = until(session, lambda s: s.phase == "choosing" and s.meant.not_at)
         assert shown.meant == FirstImage(object_at=((340.0, 100.0),), not_at=((30.0, 30.0),), sure=0.9999)
         assert shown.proposal is not None
@@ -132,7 +132,7 @@ def test_contacts_are_moved_to_the_outline_and_followed(tmp_path: Path) -> None:
         shown = reached(session, "choosing")
         assert shown.proposal is not None and shown.result is not None and shown.result.contacts is not None
         near = shown.result.contacts + np.array([[1.5, -1.0], [-1.0, 1.5]])
-        session.tell(told.Contacts(1, tuple((x, y) for x, y in near.tolist())))
+        session.send_command(told.Contacts(1, tuple((x, y) for x, y in near.tolist())))
         shown = reached(session, "ended", image=6)
     first = rows(tmp_path / "run")[0]
     contacts = np.array([[float(first["x1"]), float(first["y1"])], [float(first["x2"]), float(first["y2"])]])
@@ -145,17 +145,17 @@ def test_a_box_an_outline_and_a_wire_say_which_object(tmp_path: Path) -> None:
     camera.images.put(two_plates())
     with session_on(camera, tmp_path) as session:
         reached(session, "choosing")
-        session.tell(told.Box(1, 260.0, 50.0, 180.0, 140.0))
+        session.send_command(told.Box(1, 260.0, 50.0, 180.0, 140.0))
         shown = until(session, lambda s: s.phase in ("choosing", "tracking") and s.meant.box is not None)
         assert shown.result is not None and shown.result.view is not None
         box_outline = shown.result.view.outer.points
         assert box_outline[:, 0].min() > 240.0
         for step, (x, y) in zip(("start", "add", "add", "add"), box_outline[:: len(box_outline) // 4][:4], strict=True):
-            session.tell(told.Wire(1, step, x, y))  # type: ignore[arg-type]
-        session.tell(told.Wire(1, "close"))
+            session.send_command(told.Wire(1, step, x, y))  # type: ignore[arg-type]
+        session.send_command(told.Wire(1, "close"))
         shown = until(session, lambda s: s.wire is not None and s.wire.closed)
         assert shown.wire is not None and shown.wire.path is not None and len(shown.wire.points) == 4
-        session.tell(told.Outline(1, tuple((x, y) for x, y in shown.wire.path.tolist())))
+        session.send_command(told.Outline(1, tuple((x, y) for x, y in shown.wire.path.tolist())))
         shown = until(session, lambda s: s.phase == "tracking" and s.meant.outline is not None)
         assert shown.result is not None and shown.result.view is not None
         middle = shown.result.view.outer.points.mean(axis=0)
@@ -167,12 +167,12 @@ def test_a_pause_holds_the_image_and_a_camera_goes_on_with_the_newest(tmp_path: 
     camera.images.put(plate())
     with session_on(camera, tmp_path, at_once=True) as session:
         reached(session, "tracking", image=1)
-        session.tell(told.Pause(True))
+        session.send_command(told.Pause(True))
         reached(session, "tracking", paused=True)
         for k in range(5):
             camera.images.put(plate((160.0 + k, 120.0)))
         assert not session.wait_for(lambda s: s.image > 1, 0.3)
-        session.tell(told.Pause(False))
+        session.send_command(told.Pause(False))
         shown = reached(session, "tracking", image=2)
         assert shown.arrival is not None and shown.arrival.frame.name == "frame 5"
 
@@ -187,7 +187,7 @@ def test_what_moves_while_a_person_chooses_is_caught_up_with(tmp_path: Path) -> 
         for angle in turns:
             camera.images.put(square(float(angle)))
         assert not session.wait_for(lambda s: s.image > 1, 0.3)
-        session.tell(told.Start())
+        session.send_command(told.Start())
         last = reached(session, "tracking", image=1 + len(turns)).result
     assert first is not None and first.contacts is not None
     assert last is not None and last.contacts is not None
@@ -200,7 +200,7 @@ def test_what_moves_while_a_person_chooses_is_caught_up_with(tmp_path: Path) -> 
 def test_an_old_image_cannot_be_clicked_and_the_line_says_so(tmp_path: Path) -> None:
     with plate_session(tmp_path, 3, at_once=True) as session:
         reached(session, "ended")
-        session.tell(told.Pick(99, *ON_PLATE))
+        session.send_command(told.Pick(99, *ON_PLATE))
         shown = until(session, lambda s: s.notice[0] > 0)
         assert "image 99" in shown.notice[1] and shown.phase == "ended"
 
@@ -208,12 +208,12 @@ def test_an_old_image_cannot_be_clicked_and_the_line_says_so(tmp_path: Path) -> 
 def test_a_file_is_played_again_from_its_start(tmp_path: Path) -> None:
     with plate_session(tmp_path, 4) as session:
         reached(session, "choosing")
-        session.tell(told.Start())
+        session.send_command(told.Start())
         reached(session, "ended", image=4)
-        session.tell(told.Restart())
+        session.send_command(told.Restart())
         shown = reached(session, "choosing", image=5)
         assert shown.arrival is not None and shown.arrival.frame.name == "000.png"
-        session.tell(told.Start())
+        session.send_command(told.Start())
         shown = reached(session, "ended", image=8)
         assert shown.result is not None and shown.result.grasp_id == 2
     assert [row["grasp_id"] for row in rows(tmp_path / "run")] == ["1"] * 4 + ["2"] * 4
@@ -224,12 +224,12 @@ def test_friction_is_judged_at_once_and_fingers_give_another_grasp(tmp_path: Pat
     camera.images.put(plate())
     with session_on(camera, tmp_path, at_once=True) as session:
         before = reached(session, "tracking", image=1).result
-        session.tell(told.Friction(0.9))
+        session.send_command(told.Friction(0.9))
         camera.images.put(plate((161.0, 120.0)))
         shown = reached(session, "tracking", image=2, friction=0.9)
         assert shown.result is not None and shown.result.analysis is not None and before is not None
         assert before.analysis is not None and shown.result.analysis.margin > before.analysis.margin + 0.1
-        session.tell(told.Fingers(3))
+        session.send_command(told.Fingers(3))
         shown = until(session, lambda s: s.result is not None and s.result.grasp_id == 2)
         assert shown.result is not None and shown.result.contacts is not None and len(shown.result.contacts) == 3
         camera.images.put(plate((162.0, 120.0)))
@@ -241,7 +241,7 @@ def test_friction_is_judged_at_once_and_fingers_give_another_grasp(tmp_path: Pat
 def test_a_number_of_fingers_that_the_strategy_cannot_carry_is_told(tmp_path: Path) -> None:
     with plate_session(tmp_path, 3, settings=Settings(strategy="grasp-line")) as session:
         reached(session, "choosing")
-        session.tell(told.Fingers(3))
+        session.send_command(told.Fingers(3))
         shown = until(session, lambda s: s.notice[0] > 0)
         assert "grasp-line" in shown.notice[1] and shown.fingers == 2 and shown.phase == "choosing"
 
@@ -249,11 +249,11 @@ def test_a_number_of_fingers_that_the_strategy_cannot_carry_is_told(tmp_path: Pa
 def test_recordings_are_whole_videos_in_the_runs_folder(tmp_path: Path) -> None:
     with plate_session(tmp_path, 10) as session:
         reached(session, "choosing")
-        session.tell(told.Record(True))
-        session.tell(told.Start())
+        session.send_command(told.Record(True))
+        session.send_command(told.Start())
         shown = reached(session, "ended")
         assert shown.recording == "recording-001.mp4"
-        session.tell(told.Record(False))
+        session.send_command(told.Record(False))
         shown = until(session, lambda s: "recording-001.mp4" in s.files)
         assert shown.recording == "" and "10 images" in shown.notice[1]
     with av.open(str(tmp_path / "run" / "recording-001.mp4")) as container:
@@ -265,10 +265,10 @@ def test_a_recording_for_foxglove_is_a_source_again(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     with plate_session(tmp_path, 5, record_as=".mcap") as session:
         reached(session, "choosing")
-        session.tell(told.Record(True))
-        session.tell(told.Start())
+        session.send_command(told.Record(True))
+        session.send_command(told.Start())
         reached(session, "ended")
-        session.tell(told.Record(False))
+        session.send_command(told.Record(False))
         until(session, lambda s: "recording-001.mcap" in s.files)
     again = [frame.image for frame in open_source(str(tmp_path / "run" / "recording-001.mcap"))]
     first = [frame.image for frame in open_source(str(tmp_path / "in"))]
@@ -301,7 +301,7 @@ def test_a_camera_is_tracked_on_where_a_recording_does_not_keep_up(
     with session_on(camera, tmp_path, at_once=True, record_as=".mcap") as session:
         camera.images.put(plate((160.0, 120.0)))
         reached(session, "tracking", image=1)
-        session.tell(told.Record(True))
+        session.send_command(told.Record(True))
         until(session, lambda s: s.recording)
         count = HELD + 8
         for k in range(2, count + 2):
@@ -319,8 +319,8 @@ def test_a_file_waits_for_its_recording(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(recorder, "create_recording", lambda path, **_: gated)
     with plate_session(tmp_path, HELD + 8, record_as=".mcap") as session:
         reached(session, "choosing")
-        session.tell(told.Record(True))
-        session.tell(told.Start())
+        session.send_command(told.Record(True))
+        session.send_command(told.Start())
         until(session, lambda s: s.image >= HELD)
         assert not session.wait_for(lambda s: s.phase == "ended", 0.3)
         gated.gate.set()
@@ -337,8 +337,8 @@ def test_a_recording_that_finds_no_room_is_told_and_tracking_goes_on(
     monkeypatch.setattr(recorder, "create_recording", lambda path, **_: gated)
     with plate_session(tmp_path, 5, record_as=".mcap") as session:
         reached(session, "choosing")
-        session.tell(told.Record(True))
-        session.tell(told.Start())
+        session.send_command(told.Record(True))
+        session.send_command(told.Start())
         shown = until(session, lambda s: s.phase == "ended" and not s.recording)
         line = '"recording-001.mcap" cannot be written: No space left on device; 0 images of it can be read'
         assert shown.notice[1] == line
@@ -347,9 +347,9 @@ def test_a_recording_that_finds_no_room_is_told_and_tracking_goes_on(
 def test_a_recording_that_cannot_be_begun_is_told_and_tracking_goes_on(tmp_path: Path) -> None:
     with plate_session(tmp_path, 4, record_as=".nothing") as session:
         reached(session, "choosing")
-        session.tell(told.Record(True))
+        session.send_command(told.Record(True))
         until(session, lambda s: s.notice[0] == 1)
-        session.tell(told.Start())
+        session.send_command(told.Start())
         reached(session, "ended", image=4)
 
 
@@ -357,12 +357,12 @@ def test_fingertips_become_a_goal_that_the_servo_reads(tmp_path: Path) -> None:
     with plate_session(tmp_path, 2) as session:
         reached(session, "choosing")
         points = ((100.25, 200.5), (220.0, 201.0))
-        session.tell(told.Fingertips(points, 0.085, 0.004, False))
+        session.send_command(told.Fingertips(points, 0.085, 0.004, False))
         until(session, lambda s: GOAL in s.files)
         expected = Goal.fingertips(points, 0.085, beyond_m=0.004, symmetric=False)
         assert Goal.load(tmp_path / "run" / GOAL) == expected
-        assert session.file(GOAL) == tmp_path / "run" / GOAL
-        session.tell(told.Fingertips(points, -1.0))
+        assert session.written_file(GOAL) == tmp_path / "run" / GOAL
+        session.send_command(told.Fingertips(points, -1.0))
         until(session, lambda s: "positive" in s.notice[1])
 
 
@@ -373,7 +373,7 @@ def test_a_source_that_breaks_off_leaves_what_was_computed_and_can_be_begun_agai
     with session_on(camera, tmp_path, at_once=True) as session:
         shown = reached(session, "failed")
         assert shown.notice[1] == "camera fed was unplugged"
-        session.tell(told.Restart())
+        session.send_command(told.Restart())
         reached(session, "opening")
         camera.images.put(plate())
         reached(session, "tracking")
@@ -390,7 +390,7 @@ def test_what_was_said_of_a_cameras_first_image_does_not_count_of_another_one(tm
         assert shown.meant == meant
         camera.images.put("unplugged")
         reached(session, "failed")
-        session.tell(told.Restart())
+        session.send_command(told.Restart())
         camera.images.put(two_plates())
         assert reached(session, "choosing").meant == FirstImage()
 
@@ -416,6 +416,7 @@ def test_an_empty_bench_is_looked_at_until_an_object_lies_there(tmp_path: Path) 
     assert rows(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_what_a_net_takes_for_the_object_is_shown_under_the_pointer(tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime")
     from grasptrack.segmentation.segmenters import segmenter_for
@@ -427,7 +428,7 @@ def test_what_a_net_takes_for_the_object_is_shown_under_the_pointer(tmp_path: Pa
     with session_on(camera, tmp_path / "run", settings) as session:
         assert session.can_hover
         reached(session, "choosing")
-        session.tell(told.Hover(1, *ON_PLATE))
+        session.send_command(told.Hover(1, *ON_PLATE))
         shown = until(session, lambda s: s.hover is not None)
         assert shown.hover is not None and shown.hover.image == 1
 
@@ -437,8 +438,8 @@ def test_nothing_outlives_a_session(tmp_path: Path) -> None:
     for k in range(3):
         with plate_session(tmp_path / str(k), 3) as session:
             reached(session, "choosing")
-            session.tell(told.Record(True))
-            session.tell(told.Start())
+            session.send_command(told.Record(True))
+            session.send_command(told.Start())
         assert session.stop() is session.summary
     assert threads_left(before) == set()
 
@@ -484,7 +485,7 @@ def test_a_full_disk_is_told_in_a_line_and_ends_it(tmp_path: Path, monkeypatch: 
 
     with plate_session(tmp_path, 3) as session:
         reached(session, "choosing")
-        monkeypatch.setattr(session._run, "record", full)
-        session.tell(told.Start())
+        monkeypatch.setattr(session._run, "write_frame", full)
+        session.send_command(told.Start())
         assert "No space left on device" in reached(session, "failed").notice[1]
     assert json.loads((tmp_path / "run" / "run.json").read_text())["ended"] == "failed"

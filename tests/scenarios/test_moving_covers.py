@@ -33,6 +33,7 @@ def nearly_round(k: int, rate: float, seed: int) -> np.ndarray:
     return np.clip(image + noise, 0, 255).astype(np.uint8)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("rate", [0.01, 0.04])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_cover_carries_no_contact_along(rate: float, seed: int) -> None:

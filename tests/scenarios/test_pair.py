@@ -13,12 +13,12 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.tracking.image_pair import REGISTRATION, transfer_between_images
 from grasptrack.transfer import STRATEGIES
-from grasptrack_bench.simulation import SHAPES, Camera, Conditions, Path, Scene
+from grasptrack_bench.simulation import SHAPES, Conditions, Path, Pinhole, Scene
 from grasptrack_bench.simulation.textures import blank_texture
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 from test_matching import seen
 
-CAMERA = Camera(480, 360, focal=416.0)
+CAMERA = Pinhole(480, 360, focal=416.0)
 NEAR, FAR = 0.5, 0.25
 """Shares of the view that the part fills."""
 MIDDLE = np.array([240.0, 180.0])
@@ -38,6 +38,7 @@ def reference(shape, H, friction=0.5):
     return view, synthesize(view, 2, friction, top=1)[0]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("name", "turn", "tilt", "share"),
     [("bracket", 2.6, 0.0, NEAR), ("key", 4.0, 55.0, NEAR), ("gasket", 1.0, 40.0, FAR), ("hook", 3.1, 50.0, 0.4)],
@@ -120,6 +121,7 @@ def motion(turn, tilt, scale=0.9, size=100.0):
     return back @ squeezed @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ to
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("turn", [0.4, 1.9, 3.0])
 @pytest.mark.parametrize("name", ["disc", "square"])
 def test_a_print_tells_how_far_a_symmetric_part_turned(name, turn):

@@ -21,6 +21,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("bench", "share"), [("2023-08", 9 / 27), ("2023110", 19 / 27)])
 def test_most_tools_are_found_whole_without_a_hint(bench: str, share: float) -> None:
     """Black and glossy, white and dirty; the shares are what was reached, less three photos."""
@@ -52,6 +53,7 @@ def test_the_best_grasp_of_one_part_is_the_best_of_the_other_five() -> None:
         assert apart < 0.05 * np.sqrt(other.view.outer.area)
 
 
+@pytest.mark.slow
 def test_a_grasp_of_one_part_is_carried_to_its_neighbours() -> None:
     """Whatever is believed lies on the part that was pointed at; of one that may lie half turned both places are told."""
     image = cv2.imread(str(DATA / "stills" / "pca_test1.jpg"))

@@ -43,11 +43,12 @@ def across(shape: Shape, size: float) -> Floats:
 # --- what the seed decides ------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("scenario", ["static", "belt", "blackout", "pushed", "pulled"])
 def test_the_same_seed_is_the_same_world_and_goes_the_same_way(scenario: str) -> None:
     def run() -> tuple[Floats, NDArray[np.uint8]]:
         world = World(SHAPES["hook"](), seed=5, scenario=scenario, images="planar")  # type: ignore[arg-type]
-        for _ in range(40):
+        for _ in range(15):
             world.move([0.05, -0.03, 0.02, 0.0, 0.0, 0.1])
         return world.part_pose(), world.image()
 
@@ -120,6 +121,7 @@ def test_a_belt_carries_the_part_and_a_table_does_not() -> None:
     assert moved.part_pose()[:2, 3] == pytest.approx(moved.belt_travel(), abs=2e-3)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("name", "arm", "scenario"), [
     ("rectangle", "gantry", "static"), ("disc", "arm", "static"), ("disc", "gantry", "belt"), ("rectangle", "arm", "belt"),
 ])  # fmt: skip
@@ -137,6 +139,7 @@ def test_a_hand_that_closes_beside_the_part_holds_nothing_and_says_so() -> None:
     assert world.opening() == pytest.approx(0.0, abs=5e-4)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_part_that_is_pulled_away_leaves_the_fingers_empty_lies_still_and_is_lifted_at_the_next_try(
     seed: int,
@@ -159,6 +162,7 @@ def test_a_part_that_is_pulled_away_leaves_the_fingers_empty_lies_still_and_is_l
     assert float(np.hypot(*(world.part_pose()[:2, 3] - away))) < 0.01
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("arm", ["gantry", "arm"])
 def test_three_fingers_led_by_the_truth_lift_a_disc(arm: str) -> None:
     shape = SHAPES["disc"]()
@@ -182,6 +186,7 @@ def part_mask(world: World) -> np.ndarray:
     return np.isin(found[..., 0], pieces) & (found[..., 1] == int(mujoco.mjtObj.mjOBJ_GEOM))
 
 
+@pytest.mark.slow
 def test_the_part_is_seen_where_the_truth_says_by_mujoco_as_well() -> None:
     """Both renderers draw the upper face and the sides; their silhouettes differ by less than half a px on average."""
     why = offscreen_error()
@@ -224,6 +229,7 @@ def test_the_fingertips_are_where_the_hand_is_drawn_and_the_mask_covers_it() -> 
 # --- refusals and bad input -----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_brute_force_finds_pairs_on_what_can_be_taken_and_none_on_what_is_too_wide() -> None:
     assert pairs_that_close(SHAPES["rectangle"](), 0.06) > 0
     assert pairs_that_close(SHAPES["disc"](), 0.2) == 0

@@ -67,6 +67,7 @@ def test_what_cannot_be_read_is_one_line(monkeypatch: pytest.MonkeyPatch, data: 
         piped(data, monkeypatch)
 
 
+@pytest.mark.slow
 def test_images_are_taken_as_they_come_and_lines_given_at_once(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "grasptrack.cli.main", "track", "-", "--output", str(tmp_path), "--no-video"]
     given = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}

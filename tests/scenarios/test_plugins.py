@@ -154,6 +154,7 @@ def test_a_segmenter_a_source_and_a_recorder_from_outside(outside: Path) -> None
     assert (outside / "words.txt").read_text() == "tracked tracked tracked"
 
 
+@pytest.mark.slow
 def test_a_method_from_outside_is_measured_beside_ours(outside: Path) -> None:
     words = "--methods auto,fixed --shapes bracket --disturbances noise --frames 4 --workers 1 --output out"
     done = run(outside, "evaluate", "scenes", *words.split())
@@ -161,6 +162,7 @@ def test_a_method_from_outside_is_measured_beside_ours(outside: Path) -> None:
     assert "fixed" in done.stdout
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -69,6 +69,7 @@ def best(net: PromptableNet, image: Any, **said: Any) -> Region:
 # --- what is answered ----------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("size", [(480, 640), (600, 450), (720, 1280)])
 def test_a_click_or_a_box_says_which_object_is_meant(net: PromptableNet, size: tuple[int, int]) -> None:
     image = scene(*size)
@@ -97,6 +98,7 @@ def test_a_pixel_beside_the_object_takes_away_what_it_is_on(net: PromptableNet) 
     assert is_near(box_of(best(net, image, object_at=two, not_at=(500, 400))), (100, 120, 230, 200))
 
 
+@pytest.mark.sampled(1)
 def test_where_nothing_is_said_a_grid_is_asked_and_each_region_is_there_once(net: PromptableNet) -> None:
     image = scene()
     found = net.regions(image, FirstImage())
@@ -115,6 +117,7 @@ def test_grey_images_are_taken_too(net: PromptableNet) -> None:
     assert is_near(box_of(best(net, grey, object_at=(160, 200))), LEFT)
 
 
+@pytest.mark.sampled(1)
 def test_the_encoder_runs_once_for_all_that_is_said_of_an_image(
     net: PromptableNet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -147,6 +150,7 @@ def test_of_four_masks_the_first_answers_several_points_alone(tmp_path: Path) ->
     assert best(four, scene(), box=(90, 110, 150, 220)).probability == pytest.approx(0.99)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("form", ["sam", "fixed"])
 def test_masks_of_the_image_s_size_are_as_good_as_coarse_ones(tmp_path: Path, form: str) -> None:
     encoder, coarse = write_pair(tmp_path, form)
@@ -161,6 +165,7 @@ def test_masks_of_the_image_s_size_are_as_good_as_coarse_ones(tmp_path: Path, fo
 # --- through the first look ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_its_regions_pass_through_the_same_localisation(folder: Path) -> None:
     image = scene()
     for x, y, w, h in (LEFT, RIGHT):
@@ -201,7 +206,7 @@ def test_alternatives_are_no_votes() -> None:
     worth = []
     for segmenter in (one, three):
         look = CandidateSearch(image, FirstImage(), segmenter)
-        meant = next(p for p in look.compared() if is_near(p.silhouette.box, LEFT))
+        meant = next(p for p in look.compared_proposals() if is_near(p.silhouette.box, LEFT))
         worth.append(measure_worth([meant], look._maps, None, load_numbers(True))[0])
     assert worth[0] == pytest.approx(worth[1])
     votes = Given(*(Region(m, is_vote=True) for m in (plate, part, table)))

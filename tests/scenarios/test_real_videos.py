@@ -23,6 +23,7 @@ def score_video(name: str, strategy: str) -> Score:
     return Score(strategy, run_video((case, (strategy,)))[strategy])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["postcard-161", "bruegel-62"])
 def test_auto_keeps_the_contacts_where_the_print_says_they_are(name: str) -> None:
     score = score_video(name, "auto")
@@ -32,6 +33,7 @@ def test_auto_keeps_the_contacts_where_the_print_says_they_are(name: str) -> Non
     assert score.false_accepts == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["postcard-161", "bruegel-62"])
 @pytest.mark.parametrize("strategy", ["rrp", "grasp-line", "homography"])
 def test_no_strategy_gives_wrong_contacts_as_right(name: str, strategy: str) -> None:
@@ -40,6 +42,7 @@ def test_no_strategy_gives_wrong_contacts_as_right(name: str, strategy: str) -> 
     assert score.false_accepts <= 0.02 * len(score.frames)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["auto", "rrp", "grasp-line", "homography"])
 def test_contacts_of_a_part_at_rest_stay_and_a_hand_does_not_drag_them_away(strategy: str) -> None:
     tracker, first = GraspTracker(strategy=strategy), None

@@ -42,6 +42,7 @@ def lost(shape: Shape) -> Run:
     return run
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("seed", range(3))
 def test_it_is_found_within_two_frames_of_its_return_in_any_pose(name: str, seed: int) -> None:
@@ -66,6 +67,7 @@ def test_nothing_else_is_taken_for_it(stranger: Shape) -> None:
     assert all(r.reason for r in run.results[-4:])
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("scale", [1.4, 1 / 1.4])
 @pytest.mark.parametrize("together", [True, False], ids=["together", "later"])
 def test_a_neighbour_in_another_size_is_not_taken_when_it_is_removed(scale: float, together: bool) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from grasptrack_bench.metrics.integrity import Measures
-from grasptrack_bench.metrics.summary import Row, summarise_run
+from grasptrack_bench.metrics.summary import MethodRow, summarise_run
 from grasptrack_bench.report.comparison import compare_runs
 from grasptrack_bench.report.comparison_page import write_comparison
 from grasptrack_bench.report.glossary import COMPARED, CURVES, TERMS
@@ -126,7 +126,9 @@ def test_the_page_of_a_run(folder: Path) -> None:
 
 
 def test_every_measure_is_defined_and_shown() -> None:
-    names = set(Measures.__dataclass_fields__) | {n for n in Row.__dataclass_fields__ if n in ("located", "risk_area")}
+    names = set(Measures.__dataclass_fields__) | {
+        n for n in MethodRow.__dataclass_fields__ if n in ("located", "risk_area")
+    }
     assert set(TERMS) == names
     assert set(ANSWERS) | set(ERRORS) | {"located"} == names
     assert all(t.meaning.endswith(".") and t.label for t in (*TERMS.values(), *COMPARED.values()))

@@ -157,6 +157,7 @@ def test_an_approach_ends_at_the_grasp_with_zero_twists_and_then_silence(cell: C
     assert {m.header.frame_id for m in cell.sent} == {"tool0"}
 
 
+@pytest.mark.slow
 def test_a_gripper_is_closed_by_its_action(world: World, tmp_path: Path) -> None:
     world.parameters.update(gripper="/gripper", gripper_effort=30.0)
     cell = Cell(world, Bench(seed=1))
@@ -167,6 +168,7 @@ def test_a_gripper_is_closed_by_its_action(world: World, tmp_path: Path) -> None
     assert goal.command.max_effort == 30.0 and cell.servo.state == "done"
 
 
+@pytest.mark.slow
 def test_a_gripper_opens_and_the_hand_tries_again(world: World, tmp_path: Path) -> None:
     world.parameters.update(gripper="/gripper", gripper_open_position=0.07, gripper_reports_opening=True, retries=1)
     world.gripper.position = -1e-4  # closed, nothing between the fingers
@@ -181,6 +183,7 @@ def test_a_gripper_opens_and_the_hand_tries_again(world: World, tmp_path: Path) 
     assert cell.servo.state == "done", cell.servo.reason
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("what", ["away", "refuses"])
 def test_without_a_gripper_nothing_moves(world: World, tmp_path: Path, what: str) -> None:
     world.parameters.update(gripper="/gripper")
@@ -198,10 +201,11 @@ def test_without_a_gripper_nothing_moves(world: World, tmp_path: Path, what: str
 WAYS = ["disabled", "touched", "deactivated", "reset", "shut down", "cleaned up", "an error", "a failed transition"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("how", WAYS)
 def test_whatever_ends_it_ends_with_zero_twists(cell: Cell, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     cell.node.call("~/enable", data=True)
-    cell.run(60)
+    cell.run(20)
     assert cell.last.any()
     if how == "disabled":
         cell.node.call("~/enable", data=False)
@@ -236,7 +240,7 @@ def test_what_a_service_raises_is_answered(cell: Cell, monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
-@pytest.mark.parametrize("after", [0, 17, 61])
+@pytest.mark.parametrize("after", [0, 17])
 def test_the_program_ends_with_zero_twists(
     world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[BaseException], after: int
 ) -> None:

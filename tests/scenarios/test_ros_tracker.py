@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import grasptrack as gt
-from grasptrack.demo import demo_scene
+from grasptrack.demo import demo_scene, still_life
 
 pytest.importorskip("rosbags", reason="messages are serialised by rosbags")
 from stub_ros import ROS, Reply, World
@@ -29,7 +29,7 @@ def world(monkeypatch: pytest.MonkeyPatch) -> World:
 
 @pytest.fixture(scope="module")
 def images() -> list[np.ndarray]:
-    return [frame.image for frame in demo_scene(frames=12)]
+    return [frame.image for frame in demo_scene(frames=6)]
 
 
 def started(world: World, **parameters: Any) -> Any:
@@ -128,12 +128,17 @@ def test_compressed_images(world: World, images: list[np.ndarray]) -> None:
     np.testing.assert_array_equal([(c.x, c.y) for c in sent.contacts], expected.contacts)
 
 
-@pytest.mark.parametrize("how", ["rviz", "rqt", "service"])
-def test_a_click_chooses_the_object(world: World, how: str) -> None:
-    from grasptrack.demo import still_life
-
+@pytest.fixture(scope="module")
+def several() -> tuple[np.ndarray, gt.Contour]:
+    """An image of several parts, and the outline of one that is not the first."""
     image = still_life()
-    other = gt.first_look(image)[1].view.outer
+    return image, gt.first_look(image)[1].view.outer
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("how", ["rviz", "rqt", "service"])
+def test_a_click_chooses_the_object(world: World, several: tuple[np.ndarray, gt.Contour], how: str) -> None:
+    image, other = several
     node = started(world)
     node.receive("image", raw(world, 0, image))
     x, y = other.points.mean(axis=0).tolist()
@@ -151,6 +156,7 @@ def test_a_click_chooses_the_object(world: World, how: str) -> None:
     assert node.publishers["~/grasp"].sent[-1].object_sure
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("x", "y"), [(640.0, 3.0), (-1.0, 3.0), (float("nan"), 3.0)])
 def test_a_click_beside_the_image_is_told_and_changes_nothing(
     world: World, images: list[np.ndarray], x: float, y: float
@@ -212,6 +218,7 @@ def test_what_cannot_be_used_is_told_and_the_next_image_goes_on(world: World, im
     assert [m.status for m in node.publishers["~/grasp"].sent] == [1, 1]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("what", ["smaller", "earlier"])
 def test_another_size_or_an_earlier_stamp_begins_anew(world: World, images: list[np.ndarray], what: str) -> None:
     node = started(world)

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from grasptrack_bench.approach.case import Row
 from grasptrack_bench.approach.pictures import hold_result, side_by_side
-from grasptrack_bench.approach.runs import HELD_S, Record, draw_cases
+from grasptrack_bench.approach.runs import HELD_S, TrialRecord, draw_cases
 from grasptrack_bench.approach.trial import Step
 from grasptrack_bench.physics import frames
 from grasptrack_bench.physics.film import (
@@ -59,6 +59,7 @@ def test_a_colour_has_the_grey_level_of_what_it_stands_for(hue: np.ndarray, leve
     assert colour.min() >= 0.0 and colour.max() <= 255.01
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("images", ["planar", "mujoco"])
 def test_filming_changes_nothing(images: str) -> None:
     plain, filmed = world_of(images), world_of(images)
@@ -113,6 +114,7 @@ def test_the_default_seed_shows_a_part_that_stands_out_from_the_table() -> None:
     assert abs(look.table_level - look.surface_level) > 80.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("outcome", "colour"), [("lifted", (0, 168, 120)), ("failed", (222, 84, 24))])
 def test_the_film_ends_with_the_outcome(outcome: str, colour: tuple[int, int, int], tmp_path: Path) -> None:
     world, row = world_of("planar"), Row(3, "bracket", "static", "gantry", "online", outcome)
@@ -122,7 +124,7 @@ def test_the_film_ends_with_the_outcome(outcome: str, colour: tuple[int, int, in
     changed = (held != picture).any(axis=2)
     assert changed.any() and not changed[:, :640].any()  # over the view from beside
     assert (held[430, 660] == colour[::-1]).all()
-    record = Record(tmp_path / "a.mp4", None)
+    record = TrialRecord(tmp_path / "a.mp4", None)
     record(world, step)
     record.end(row)
     record.close()

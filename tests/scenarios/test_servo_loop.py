@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import grasptrack as gt
@@ -19,7 +19,7 @@ from grasptrack.servo.camera import apply_twist, pose_of, rotation_matrix
 from grasptrack.servo.estimate import Estimate, refine_estimate
 from servo_bench import PERIOD, Bench
 
-SEEDS = range(6)
+SEEDS = range(2)
 
 
 def servo_for(bench: Bench, **options: object) -> gt.GraspServo:
@@ -43,7 +43,7 @@ def within(bench: Bench, along_m: float = 4e-3) -> bool:
 # --- convergence ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "what",
     [
@@ -59,8 +59,9 @@ def within(bench: Bench, along_m: float = 4e-3) -> bool:
     ],
     ids=lambda w: "-".join(w) or "static",
 )
-def test_it_converges_with_a_camera_that_nobody_knows(seed: int, what: dict[str, object]) -> None:
-    bench = Bench(seed=seed, **what)  # type: ignore[arg-type]
+def test_it_converges_with_a_camera_that_nobody_knows(what: dict[str, object]) -> None:
+    """Each with a camera of its own; thousands of others: `make fuzz`."""
+    bench = Bench(seed=len(str(what)) % 6, **what)  # type: ignore[arg-type]
     servo = bench.run(servo_for(bench))
     assert servo.state == "done", (servo.reason, bench.off())
     assert bench.commands[-1].error_px <= 1.0 and within(bench, 8e-3 if "outliers" in what else 4e-3)
@@ -87,6 +88,7 @@ def test_a_grasp_that_seems_to_narrow_on_the_way_misleads_less_than_its_contacts
     assert np.mean(whole) < 0.8 * np.mean(alone), (whole, alone)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_it_converges_from_a_nominal_camera_that_is_not_quite_right(seed: int) -> None:
     bench = Bench(seed=seed)
@@ -95,8 +97,8 @@ def test_it_converges_from_a_nominal_camera_that_is_not_quite_right(seed: int) -
     assert bench.commands[0].reason == "aligns at the stand-off"
 
 
-@pytest.mark.parametrize("dof", [4, 6])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize(("seed", "dof"), [(0, 4), (1, 6)])
 def test_another_grasp_needs_no_new_exploring(seed: int, dof: int) -> None:
     bench = Bench(seed=seed, regrasp=2.0, dof=dof, belt=100.0)
     servo = bench.run(servo_for(bench))
@@ -122,6 +124,7 @@ def test_a_taught_view_is_reached_again() -> None:
     assert servo.state == "done" and within(bench), (servo.reason, bench.off())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["online", "textbook"])
 def test_only_what_is_carried_ahead_follows_without_lag(law: str) -> None:
     """On a belt the contacts come to rest at the goal; those of the textbook trail behind."""
@@ -140,6 +143,7 @@ def test_only_what_is_carried_ahead_follows_without_lag(law: str) -> None:
     assert lag < 0.005 if law == "online" else lag > 0.1, lag
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_it_aligns_before_it_goes_down(seed: int) -> None:
     """Within the stand-off the fingers are never far aside: they would hit the object."""
@@ -173,6 +177,7 @@ def test_what_cannot_be_compared_does_no_harm() -> None:
 # --- limits -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("what", [{"belt": 320.0, "outliers": 0.4}, {"dof": 6}, {"blackout": (1.0, 99.0)}])
 def test_limits_hold_throughout(what: dict[str, object]) -> None:
     bench = Bench(seed=2, **what)  # type: ignore[arg-type]
@@ -223,7 +228,6 @@ WORSE = {
 }
 
 
-@settings(max_examples=60, deadline=None)
 @given(story=st.lists(st.sampled_from(sorted(WORSE)), min_size=3, max_size=25))
 def test_it_never_closes_on_what_is_not_believed(story: list[str]) -> None:
     bench, servo = at_the_goal()
@@ -239,6 +243,7 @@ def test_it_never_closes_on_what_is_not_believed(story: list[str]) -> None:
             return
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("far", "closes"), [(0.0, True), (1.0, False)])
 def test_a_contact_may_be_hidden_by_the_fingers_alone(far: float, closes: bool) -> None:
     bench, servo = at_the_goal()
@@ -276,8 +281,8 @@ def test_a_loss_goes_through_every_step_and_ends_in_time() -> None:
     assert back <= 0.05 + 0.01
 
 
-@pytest.mark.parametrize("what", [{}, {"belt": 60.0}, {"dof": 6}])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize(("seed", "what"), [(0, {}), (1, {"belt": 60.0}), (2, {"dof": 6})])
 def test_it_goes_on_between_images(seed: int, what: dict[str, Any]) -> None:
     """Every third period brings an image, 8 a second: it closes where it should, and the hand moves on in between."""
     bench = Bench(seed=seed, every=3, **what)
@@ -288,6 +293,7 @@ def test_it_goes_on_between_images(seed: int, what: dict[str, Any]) -> None:
     assert not any(c.close for c in between)
 
 
+@pytest.mark.slow
 def test_time_stamps_of_images_stand_for_a_latency() -> None:
     one, other = (Bench(seed=4, latency=0.08, stamped=told) for told in (True, False))
     one.run(gt.GraspServo(one.goal()))

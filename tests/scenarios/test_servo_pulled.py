@@ -7,7 +7,7 @@ from importlib.util import find_spec
 
 import pytest
 
-from grasptrack_bench.approach.case import Case, Row
+from grasptrack_bench.approach.case import ApproachCase, Row
 from grasptrack_bench.approach.runs import Trials
 from grasptrack_bench.approach.trial import Step, run_trial
 from grasptrack_bench.simulation import SHAPES
@@ -18,6 +18,7 @@ if find_spec("mujoco") is None:
 from grasptrack_bench.physics import World
 
 
+@pytest.mark.slow
 def test_an_empty_grasp_is_noticed_and_the_next_try_lifts() -> None:
     told: list[str] = []
 
@@ -26,7 +27,7 @@ def test_an_empty_grasp_is_noticed_and_the_next_try_lifts() -> None:
         if not told or told[-1] != state:
             told.append(state)
 
-    row, _ = run_trial(Case(SHAPES["bracket"](), 5, "pulled", pictures=False), watch)
+    row, _ = run_trial(ApproachCase(SHAPES["bracket"](), 5, "pulled", pictures=False), watch)
     assert (row.outcome, row.tries, row.noticed) == ("lifted", 2, True), row.reason
     first, again = told.index("close"), told.index("retreating")
     assert first < again < told.index("open")
@@ -34,8 +35,9 @@ def test_an_empty_grasp_is_noticed_and_the_next_try_lifts() -> None:
     assert "converged" in told[again:]
 
 
+@pytest.mark.slow
 def test_a_part_that_stays_is_closed_on_once_and_nothing_is_said_of_an_empty_hand() -> None:
-    row, _ = run_trial(Case(SHAPES["bracket"](), 5, pictures=False))
+    row, _ = run_trial(ApproachCase(SHAPES["bracket"](), 5, pictures=False))
     assert (row.outcome, row.tries, row.noticed) == ("lifted", 1, None), row.reason
 
 
@@ -43,7 +45,7 @@ def test_a_part_that_stays_is_closed_on_once_and_nothing_is_said_of_an_empty_han
 @pytest.mark.parametrize("arm", ["gantry", "arm"])
 @pytest.mark.parametrize("name", ["bracket", "rectangle", "guitar"])
 def test_empty_grasps_are_noticed_by_either_arm(name: str, arm: str) -> None:
-    row, _ = run_trial(Case(SHAPES[name](), 11, "pulled", arm, pictures=False))  # type: ignore[arg-type]
+    row, _ = run_trial(ApproachCase(SHAPES[name](), 11, "pulled", arm, pictures=False))  # type: ignore[arg-type]
     assert row.noticed is True
     if row.tries == 1 and "tilt" in row.reason:  # looked at anew from near, where no view tells the tilt
         pytest.xfail(row.reason)

@@ -9,7 +9,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -103,6 +103,7 @@ def error(snake: Snake, fit: SnakeFit, H: Floats) -> float:
     return float(np.hypot(*(carried.contacts - apply_homography(H, grasp.contacts)).T).max())
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("shape", "shear"), [("similarity", 0.0), ("affine", 0.0), ("affine", 0.12)])
 def test_contacts_over_sixty_frames(shape: Shape, shear: float) -> None:
     view = part()
@@ -153,7 +154,6 @@ def test_fast_motion_after_warming_up() -> None:
         assert fit.ok or k in (12, 24), f"frame {k}: {fit.reason}"
 
 
-@settings(max_examples=12, deadline=None)
 @given(st.floats(0.85, 1.15), st.floats(-0.06, 0.06), st.floats(-10, 10), st.floats(-10, 10), st.integers(0, 99))
 def test_one_step_of_any_direction(scale: float, angle: float, x: float, y: float, seed: int) -> None:
     view = part()
@@ -170,6 +170,7 @@ def bar(x: float, width: float, tilt: float) -> Floats:
     return np.asarray(box @ np.array(((c, s), (-s, c))) + (x, 245))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("tilt", [0.0, 0.5, 1.5708])
 @pytest.mark.parametrize("shape", ["similarity", "affine"])
 def test_a_bar_over_a_quarter_is_survived_or_admitted(shape: Shape, tilt: float) -> None:

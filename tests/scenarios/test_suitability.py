@@ -29,7 +29,7 @@ def found(name: str) -> Suitability:
         "ellipse": ellipse(70.0, 45.0),
         "strip": np.array([[-130, -4], [130, -4], [130, 4], [-130, 4]], float),
     }
-    return inspect(drawn(shapes[name]))
+    return inspect(drawn(shapes[name]), runs=2)
 
 
 def test_a_plain_plate_is_good() -> None:
@@ -53,6 +53,7 @@ def test_of_a_disc_no_turn_is_known() -> None:
     assert all(u.reason for u in disc.strategies)
 
 
+@pytest.mark.slow
 def test_an_ellipse_shows_a_turn_but_not_under_tilt() -> None:
     oval = found("ellipse")
     turn = next(m for m in oval.motions.motions if m.name == "turn")
@@ -60,7 +61,8 @@ def test_an_ellipse_shows_a_turn_but_not_under_tilt() -> None:
     assert oval.level == "poor" and "tilt" in oval.verdict and oval.motions.slide is not None
 
 
-@pytest.mark.parametrize(("name", "level"), [("egg", "poor"), ("disc", "poor"), ("bracket", "good"), ("key", "good")])
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize(("name", "level"), [("egg", "poor"), ("key", "good")])
 def test_what_slides_along_itself_without_a_surface_is_poor(name: str, level: str) -> None:
     """An egg is located for a while, by even motion; then it drifts."""
     seen = inspect(drawn(95.0 * np.asarray(SHAPES[name]().polygons[0])))
@@ -94,6 +96,7 @@ def test_the_tracker_does_what_was_foretold(name: str) -> None:
     assert located == (1 if found(name).level == "poor" else 4)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "options",
     [
@@ -110,15 +113,18 @@ def test_the_tracker_does_what_was_foretold(name: str) -> None:
 def test_object_and_grasp_are_those_of_the_tracker(options: dict[str, Any]) -> None:
     image = drawn(L_PLATE, 0.5 * SQUARE, centres=((120.0, 150.0), (230.0, 60.0)), angle=0.1)
     result = gt.GraspTracker(**options).update(image)
-    seen = inspect(image, **options)
+    seen = inspect(image, runs=1, **options)
     assert result.contacts is not None and seen.grasp is not None
     assert np.array_equal(result.contacts, seen.grasp.contacts)
     assert result.view is not None and np.array_equal(result.view.points, seen.view.points)
     assert result.analysis is not None and seen.grasp.margin == pytest.approx(result.analysis.margin)
 
 
-@pytest.mark.parametrize("masked", [False, True])
-@pytest.mark.parametrize("options", [{}, {"object_at": (140.0, 125.0)}, {"fingers": 3, "friction": 0.9, "risk": 1e-2}])
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize(
+    ("options", "masked"),
+    [({}, True), ({"object_at": (140.0, 125.0)}, False), ({"fingers": 3, "friction": 0.9, "risk": 1e-2}, False)],
+)
 def test_what_a_tracker_has_chosen_is_judged_as_by_another_look(options: dict[str, Any], masked: bool) -> None:
     """All but the paper's strategies, which are not tried."""
     image = drawn(L_PLATE)
@@ -129,8 +135,8 @@ def test_what_a_tracker_has_chosen_is_judged_as_by_another_look(options: dict[st
     assert scene is not None
     tracker.update(image, mask=mask)
     assert tracker.first_scene is None, "no tracker keeps images"
-    whole = inspect(image, mask=mask, **options)
-    assert replace(inspect_scene(scene), strategies=whole.strategies) == whole
+    whole = inspect(image, mask=mask, runs=1, **options)
+    assert replace(inspect_scene(scene, runs=1), strategies=whole.strategies) == whole
 
 
 @pytest.mark.slow
@@ -147,6 +153,7 @@ def test_errors_grow_with_noise_and_fall_with_contrast() -> None:
     assert clear == sorted(clear) and clear[-1] > 2.0 * clear[0]
 
 
+@pytest.mark.slow
 def test_what_is_said_does_not_depend_on_scale() -> None:
     small = found("plate")
     large = inspect(drawn(2.0 * L_PLATE, centres=((320.0, 240.0),), size=(480, 640)))
@@ -158,27 +165,30 @@ def test_what_is_said_does_not_depend_on_scale() -> None:
 
 
 def test_an_equal_beside_it_is_told() -> None:
-    two = inspect(drawn(0.8 * L_PLATE, 0.8 * L_PLATE, centres=((90.0, 60.0), (220.0, 170.0))))
+    two = inspect(drawn(0.8 * L_PLATE, 0.8 * L_PLATE, centres=((90.0, 60.0), (220.0, 170.0))), runs=1)
     assert len(two.equals) == 1 and "another object has the same outline" in two.verdict
     assert found("plate").equals == ()
 
 
+@pytest.mark.slow
 def test_a_small_object_a_cut_one_and_one_out_of_focus_say_so() -> None:
-    small = inspect(drawn(0.4 * L_PLATE))
+    small = inspect(drawn(0.4 * L_PLATE), runs=1)
     assert "small" in small.verdict and "nearer" in small.reasons[0].advice
-    cut = inspect(drawn(L_PLATE, centres=((30.0, 120.0),), angle=0.0))
+    cut = inspect(drawn(L_PLATE, centres=((30.0, 120.0),), angle=0.0), runs=1)
     assert cut.looks.clipped and not cut.symmetry.known and any("border" in r.text for r in cut.reasons)
     blurred = inspect(drawn(L_PLATE, blur=8.0, noise=8.0))
     assert blurred.level != "good" and any("focus" in r.advice for r in blurred.reasons)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("blur", [0.8, 2.0, 4.0, 6.0])
 def test_the_width_of_the_edges_is_measured_however_wide(blur: float) -> None:
     """Of a blurred edge it is sqrt(2 pi) times the standard deviation of the blur; the pixels add their own."""
-    wide = inspect(drawn(L_PLATE, blur=blur, noise=3.0)).looks.sharpness
+    wide = inspect(drawn(L_PLATE, blur=blur, noise=3.0), runs=1).looks.sharpness
     assert wide == pytest.approx(math.sqrt(2.0 * math.pi) * math.hypot(blur, 0.5), rel=0.12, abs=0.4)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("blur", "noise"), [(4.0, 3.0), (4.0, 8.0), (6.0, 3.0), (8.0, 8.0)])
 def test_what_is_out_of_focus_is_followed_unless_it_is_poor(blur: float, noise: float) -> None:
     """The tracker's filters were narrower than the edges: it lost what lay in plain view and was said to be good."""
@@ -191,10 +201,11 @@ def test_what_is_out_of_focus_is_followed_unless_it_is_poor(blur: float, noise: 
 
 
 def test_faint_edges_are_told() -> None:
-    faint = inspect(drawn(L_PLATE, contrast=25.0, noise=0.5, blur=1.5))
+    faint = inspect(drawn(L_PLATE, contrast=25.0, noise=0.5, blur=1.5), runs=1)
     assert any("edge" in r.text for r in faint.reasons)
 
 
+@pytest.mark.slow
 def test_texture_fixes_what_a_disc_leaves_free() -> None:
     bare = found("disc")
     image = drawn(ellipse(50.0, 50.0)).astype(np.int16)
@@ -222,7 +233,7 @@ def test_a_grasp_that_does_not_close_is_poor() -> None:
 
 def test_a_mask_takes_the_images_place() -> None:
     image = drawn(L_PLATE)
-    masked = inspect(image, mask=drawn(SQUARE, noise=0.0) < 130)
+    masked = inspect(image, mask=drawn(SQUARE, noise=0.0) < 130, runs=1)
     assert masked.symmetry.order == 4 and masked.looks.contrast > 200.0
 
 
@@ -249,6 +260,7 @@ def test_what_is_expected_is_told_in_one_line() -> None:
     assert disc.endswith("contacts not known") and disc.startswith("located in 0 to ")
 
 
+@pytest.mark.slow
 def test_more_runs_tell_more_and_the_same_each_time() -> None:
     one, again, more = (inspect(drawn(L_PLATE), runs=n) for n in (2, 2, 5))
     assert one.prediction == again.prediction and one.prediction is not None and more.prediction is not None

@@ -38,6 +38,7 @@ def given_contacts() -> np.ndarray:
 # --- statuses ------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_a_tracked_frame_tells_all_there_is(strategy: str) -> None:
     results = track(IMAGES, strategy=strategy, grasp=[[215.0, 110.0], [104.5, 113.3]])
@@ -58,34 +59,10 @@ def test_a_tracked_frame_tells_all_there_is(strategy: str) -> None:
         assert np.abs(r.contacts - apply_homography(truth, results[0].contacts)).max() < 0.5
 
 
-def test_no_object_no_grasp_and_why() -> None:
-    for image in (np.zeros((HEIGHT, WIDTH), np.uint8), np.full((HEIGHT, WIDTH), 255, np.uint8)):
-        (r,) = track([image])
-        assert (r.status, r.contacts, r.grasp_id) == ("searching", None, None)
-        assert "no object" in r.reason
-    (r,) = track([photo([(SHAPES["disc"](), pose())])], strategy="grasp-line")
-    assert r.status == "searching"
-    assert "axes" in r.reason
-    (r,) = track([IMAGES[0]], friction=1e-6)
-    assert r.status == "searching"
-    assert "no stable grasp" in r.reason
-
-
 def test_the_search_goes_on_until_there_is_an_object() -> None:
     results = track([photo([]), photo([]), *IMAGES[:2]])
     assert [r.status for r in results][2:] == ["tracked", "tracked"]
     assert results[3].grasp_id == 1
-
-
-@pytest.mark.parametrize("strategy", STRATEGIES)
-def test_lost_has_a_reason_and_no_contacts_and_is_found_again(strategy: str) -> None:
-    results = track([*IMAGES[:3], photo([]), photo([]), *IMAGES[3:]], strategy=strategy)
-    assert [r.status for r in results] == ["tracked"] * 3 + ["lost"] * 2 + ["tracked"] * 3
-    for r in results[3:5]:
-        assert r.reason
-        assert (r.contacts, r.seen, r.analysis, r.homography) == (None, None, None, None)
-        assert 0.0 <= r.confidence <= 0.999
-        assert r.grasp_id == 1
 
 
 def test_an_unstable_grasp_keeps_its_contacts_and_says_why() -> None:
@@ -109,11 +86,12 @@ def test_resynthesize_gives_a_new_grasp_and_a_new_number() -> None:
     assert (results[5].status, results[5].grasp_id) == ("tracked", 2)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_a_grasp_that_closes_only_where_it_is_does_not_close_for_sure(strategy: str) -> None:
     (start,) = track(IMAGES[:1])
     assert start.contacts is not None and start.analysis is not None
-    for room in (0.2, 0.01, 0.002, 0.001, 0.0003):  # rad of the friction angle to spare
+    for room in (0.2, 0.01, 0.001):  # rad of the friction angle to spare
         friction = math.tan(math.atan(0.5) - start.analysis.margin + room)
         results = track(IMAGES, grasp=start.contacts, friction=friction, strategy=strategy)
         assert (results[0].status, results[0].notice) == ("tracked", "tilt-open")
@@ -143,15 +121,6 @@ def test_three_fingers_have_a_chance_too_and_a_lost_grasp_has_none() -> None:
 
 
 # --- a given grasp -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("strategy", STRATEGIES)
-def test_contacts_keep_their_order(strategy: str) -> None:
-    given = given_contacts()
-    forth, back = track(IMAGES, strategy=strategy, grasp=given), track(IMAGES, strategy=strategy, grasp=given[::-1])
-    for a, b in zip(forth, back, strict=True):
-        assert a.contacts is not None and b.contacts is not None
-        assert np.abs(a.contacts - b.contacts[::-1]).max() < 0.3
 
 
 def test_given_contacts_are_moved_to_the_outline() -> None:
@@ -187,6 +156,7 @@ def test_a_grasp_on_a_hole_is_carried() -> None:
     run.check()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("strategy", ["auto", "homography", "rrp"])
 def test_three_fingers(strategy: str) -> None:
     run = Run(fingers=3, strategy=strategy)
@@ -288,34 +258,7 @@ def test_masks_take_the_images_place() -> None:
     run.check()
 
 
-def test_what_is_ignored_is_no_object() -> None:
-    ignore = np.zeros((HEIGHT, WIDTH), np.uint8)
-    ignore[:, :130] = 1
-    image = photo([(GASKET, pose(70.0, 120.0, scale=60.0)), (PLATE, pose(230.0, 120.0, scale=45.0))])
-    (r,) = track([image], ignore=ignore)
-    assert r.contacts is not None
-    assert (r.contacts[:, 0] > 150.0).all()
-
-
-def test_the_object_under_a_pixel() -> None:
-    image = photo([(GASKET, pose(90.0, 120.0, scale=60.0)), (PLATE, pose(245.0, 120.0, scale=40.0))])
-    for x in (70.0, 245.0):
-        (r,) = track([image], object_at=(x, 150.0 if x < 100.0 else 120.0))
-        assert r.contacts is not None, r.reason
-        assert np.abs(r.contacts[:, 0] - x).max() < 75.0
-    (r,) = track([image], object_at=(170.0, 20.0))
-    assert r.status == "searching" and "170,20" in r.reason
-
-
 # --- behaviour -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("strategy", STRATEGIES)
-def test_the_same_images_give_the_same_results(strategy: str) -> None:
-    images = [*IMAGES[:3], photo([]), *IMAGES[3:]]
-    for a, b in zip(track(images, strategy=strategy), track(images, strategy=strategy), strict=True):
-        assert (a.status, a.reason, a.strategy, a.confidence) == (b.status, b.reason, b.strategy, b.confidence)
-        assert np.array_equal(a.contacts, b.contacts) if a.contacts is not None else b.contacts is None  # type: ignore[arg-type]
 
 
 def test_light_objects_on_dark_ground() -> None:
@@ -325,20 +268,6 @@ def test_light_objects_on_dark_ground() -> None:
         run.see(photo([(PLATE, H)], ground=dark, surface=light, seed=k), H)
     assert run.statuses == ["tracked"] * 6
     run.check()
-
-
-def test_a_contact_that_cannot_be_seen_is_not_called_seen() -> None:
-    run = Run(strategy="rrp")
-    for k in range(4):
-        run.see(photo([(BRACKET, POSES[0])], seed=k), POSES[0])
-    chosen = run.results[0].contacts
-    assert chosen is not None
-    x, y = chosen[0]
-    cover = np.array([[x - 9, y - 9], [x + 9, y - 9], [x + 9, y + 9], [x - 9, y + 9]])
-    r = run.see(photo([(BRACKET, POSES[0])], [(cover, 120.0)]), POSES[0])
-    run.check()
-    if r.seen is not None:
-        assert r.seen[0] < 0.5 < r.seen[1]
 
 
 def test_a_disc_is_never_claimed_to_be_fixed() -> None:

@@ -59,12 +59,14 @@ SLIDES = pytest.mark.xfail(
 )
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=SLIDES)])
 def test_the_ground_settles_the_turn_of_a_disc(seed: int) -> None:
     """Gravel shows every motion."""
     assert max(followed(a_scene("disc", seed, surface=blank_texture(seed), table=gravel_texture(seed)))) < 0.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_print_settles_it_where_the_table_slides_away_or_nothing_is_claimed(seed: int) -> None:
     scene = a_scene("disc", seed, 8, surface=printed_texture(seed), slide=(0.02, 0.013))
@@ -76,10 +78,12 @@ def test_print_settles_it_where_the_table_slides_away_or_nothing_is_claimed(seed
     assert all(right) and len(right) >= 5
 
 
+@pytest.mark.slow
 def test_a_table_that_slides_does_not_bend_the_pose() -> None:
     assert max(followed(a_scene("bracket", 7, surface=blank_texture(7), slide=(0.004, 0.003)))) < 0.25
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("shape", "seed", "how", "covered", "bar", "most"),
     [
@@ -100,6 +104,7 @@ def test_a_cover_does_not_bend_the_pose(
         assert off(result, frame, first) < most
 
 
+@pytest.mark.slow
 def test_dropped_frames_are_survived() -> None:
     scene = DISTURBANCES["fast"].scene(SHAPES["bracket"](), 60, 1)
     order = [i for i in range(60) if i < 4 or i % 5 in (0, 1)]  # two of five arrive
@@ -108,7 +113,8 @@ def test_dropped_frames_are_survived() -> None:
     assert all(found)
 
 
-@pytest.mark.parametrize("shape", ["bracket", "washer", "spanner"])
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("shape", ["bracket", "washer"])
 def test_the_homography_is_as_uncertain_as_the_contacts_that_it_carries(shape: str) -> None:
     scene = a_scene(shape, 3, 6)
     tracker = GraspTracker(grasp=chosen_grasp(scene[0].outline))
@@ -128,6 +134,7 @@ def test_the_homography_is_as_uncertain_as_the_contacts_that_it_carries(shape: s
             np.testing.assert_allclose(J @ C @ J.T, told, rtol=1e-4, atol=1e-6 * np.abs(told).max())
 
 
+@pytest.mark.slow
 def test_light_on_a_ring_does_not_tell_its_turn() -> None:
     # its sides hide what the outline could tell; light that falls off over it stays where it is
     case = make_scene_cases(built_in(["washer"]), ["thick"], frames=25)[0]
@@ -135,6 +142,7 @@ def test_light_on_a_ring_does_not_tell_its_turn() -> None:
     assert [f.frame for f in frames if f.is_false_accept] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["bean", "blob", "leaf"])
 def test_its_mirror_image_is_refused_though_its_print_is_the_same(shape: str) -> None:
     case = make_scene_cases(built_in([shape]), ["mirror"], frames=16, seed=31)[0]
@@ -143,6 +151,7 @@ def test_its_mirror_image_is_refused_though_its_print_is_the_same(shape: str) ->
     assert [f.frame for f in frames if f.present and not f.answered] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["cross", "hex-nut", "hinge", "knife", "ring-wrench"])
 def test_a_twin_with_a_tab_of_print_or_brushed_metal_is_refused(shape: str) -> None:
     """Brushing makes edges where the object's own is not, and print spreads the grey levels that tell a tab."""
@@ -165,6 +174,7 @@ def board(x: float, y: float, degrees: float = 0.0) -> tuple[np.ndarray, np.ndar
     return np.clip(np.rint(cv2.GaussianBlur(image, (0, 0), 0.7) + noise), 0, 255).astype(np.uint8), H
 
 
+@pytest.mark.slow
 def test_a_surface_that_looks_like_itself_is_not_followed_to_where_it_looks_alike() -> None:
     """A chessboard that moves by more than half of two squares from image to image."""
     contacts, at = np.array([[0.0, 75.0], [210.0, 75.0]]), np.array([150.0, 120.0])
@@ -178,7 +188,7 @@ def test_a_surface_that_looks_like_itself_is_not_followed_to_where_it_looks_alik
         at = np.clip(at + step, 30.0, 240.0)
         image, H = board(*at, degrees=0.3 * k)
         decision = followed_.update(image)
-        if decision.accepted:
+        if decision.is_accepted:
             assert decision.estimate is not None
             located += 1
             assert np.hypot(*(decision.estimate.contacts - apply_homography(H, contacts)).T).max() < 3.0

@@ -16,12 +16,7 @@ from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.pose import PoseEstimate, largest_sigma
 from grasptrack.tracking.selection import make_target
-from grasptrack.tracking.single import (
-    decide_single,
-    pose_hypothesis,
-    single_estimate,
-    turned_hypotheses,
-)
+from grasptrack.tracking.single import decide_single, pose_hypothesis, single_estimate, turned_hypotheses
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import build_pyramid
 from scenery import L_PLATE, SQUARE, drawn
@@ -62,7 +57,7 @@ def test_where_it_lies_and_how_it_turned_is_of_no_account(angle: float) -> None:
         H = placed(x, y, angle)
         e = seen(state, H, drawn(L_PLATE, centres=((x, y),), angle=angle, size=SIZE, seed=2))
         decision = decide_single(state, [e])
-        assert decision.accepted
+        assert decision.is_accepted
         assert np.hypot(*(e.contacts - apply_homography(H, state.target.contacts)).T).max() < 0.3
 
 
@@ -74,14 +69,14 @@ def test_the_largest_deviation_is_that_at_which_the_decision_refuses(share: floa
     uncertain = {name: getattr(e, name) for name in dir(e) if name[0] != "_"}
     uncertain["covariance"] = np.tile(sigma**2 * np.eye(2), (len(e.contacts), 1, 1))
     decision = decide_single(state, [cast(PoseEstimate, SimpleNamespace(**uncertain))])
-    assert decision.accepted == accepted and decision.code == ("" if accepted else "uncertain")
+    assert decision.is_accepted == accepted and decision.code == ("" if accepted else "uncertain")
 
 
 def test_turns_that_nothing_tells_apart_are_not_believed() -> None:
     state = begun(SQUARE)
     levels = build_pyramid(drawn(SQUARE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
     own = single_estimate(state, levels, pose_hypothesis(state.target, "given", np.eye(3)))
-    assert own is not None and len(state.target.turns) == 3 and decide_single(state, [own]).accepted
+    assert own is not None and len(state.target.turns) == 3 and decide_single(state, [own]).is_accepted
     turned = [single_estimate(state, levels, h) for h in turned_hypotheses(state.target, own)]
     decision = decide_single(state, [own, *(e for e in turned if e is not None)])
-    assert not decision.accepted and decision.presence < 0.5
+    assert not decision.is_accepted and decision.presence < 0.5

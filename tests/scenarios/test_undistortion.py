@@ -49,6 +49,7 @@ def errors(tracker: GraspTracker, seen: list[SceneFrame], contacts: np.ndarray) 
     return np.concatenate(off)
 
 
+@pytest.mark.slow
 def test_the_error_that_the_lens_makes_is_gone() -> None:
     """Of barrels and a pincushion together: what noise makes alone is not a fixed share of a single lens's error."""
     plain, known = [], []
@@ -69,7 +70,7 @@ def test_a_camera_without_distortion_changes_nothing_but_the_focal_length() -> N
         a, b = bare.update(frame.image), told.update(frame.image)
         assert a.status == b.status and a.contacts is not None and b.contacts is not None
         assert np.abs(a.contacts - b.contacts).max() < (0.02 if a.frame else 1e-9)
-        assert np.array_equal(Undistortion(straight, 640, 480).image(frame.image), to_bgr(frame.image))
+        assert np.array_equal(Undistortion(straight, 640, 480).straight_image(frame.image), to_bgr(frame.image))
 
 
 def test_the_homography_is_that_between_ideal_images() -> None:
@@ -94,7 +95,7 @@ def test_the_covariance_of_the_homography_is_in_ideal_px_as_well() -> None:
     C = free @ (lambda A: A @ A.T)(rng.normal(size=(9, 9)) * 1e-6) @ free
 
     def told(H: np.ndarray) -> TrackResult:
-        return lens.result(TrackResult(0, None, "tracked", "", homography=H / H[2, 2], homography_covariance=C))
+        return lens.result_seen(TrackResult(0, None, "tracked", "", homography=H / H[2, 2], homography_covariance=C))
 
     J = np.zeros((9, 9))
     for k in range(8):
@@ -133,6 +134,7 @@ SMALL = BARREL.distort([[65.0, 57.0]])[0]
 """The small plate's middle, as it is seen."""
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("how", ["pixel", "box", "grasp", "ignore", "mask"])
 def test_whatever_names_the_object_is_in_px_of_the_image(how: str) -> None:
     image = two_plates()
@@ -174,27 +176,27 @@ def test_covariance_and_outline_are_carried_by_the_lens() -> None:
     covariance = np.array([[[0.04, 0.01], [0.01, 0.09]], [[0.01, 0.0], [0.0, 0.25]]])
     ring = Contour(200 + 90 * np.column_stack([np.cos(np.arange(40) / 6.4), np.sin(np.arange(40) / 6.4)]))
     given = TrackResult(0, None, "tracked", "", contacts=contacts, covariance=covariance, view=View(ring))
-    told = lens.result(given)
+    told = lens.result_seen(given)
     assert told.contacts is not None and told.covariance is not None and told.view is not None
     draws = np.random.default_rng(0).multivariate_normal(contacts[0], covariance[0], 40000)
-    assert np.allclose(np.cov(lens.seen(draws).T), told.covariance[0], rtol=0.05, atol=3e-4)
-    assert np.allclose(lens.points(told.contacts), contacts, atol=1e-9)
-    assert np.allclose(lens.points(told.view.outer.points), ring.points, atol=1e-9)
+    assert np.allclose(np.cov(lens.points_seen(draws).T), told.covariance[0], rtol=0.05, atol=3e-4)
+    assert np.allclose(lens.straight_points(told.contacts), contacts, atol=1e-9)
+    assert np.allclose(lens.straight_points(told.view.outer.points), ring.points, atol=1e-9)
 
 
 @pytest.mark.parametrize("k1", [-0.25, -0.05, 0.15])
 def test_all_that_was_seen_is_in_the_straight_image(k1: float) -> None:
     lens = Undistortion(Camera(BARREL.matrix, (k1, 0, 0, 0), size=(640, 480)), 640, 480)
     border = np.array([(x, y) for x in (0, 320, 639) for y in (0, 240, 479)], dtype=float)
-    at = np.rint(lens.points(border)).astype(int)
+    at = np.rint(lens.straight_points(border)).astype(int)
     height, width = lens.hidden.shape
     inside = (at >= 0).all(axis=1) & (at[:, 0] < width) & (at[:, 1] < height)
     assert inside.all() or width > 640 * (1 + 2 * MOST) - 20
     shown = np.argwhere(lens.hidden == 0)[::997, ::-1]
-    seen = lens.seen(shown)
+    seen = lens.points_seen(shown)
     assert ((seen >= -0.5) & (seen <= (639.5, 479.5))).all()
     ramp = np.tile(np.linspace(20, 220, 640).astype(np.uint8), (480, 1))
-    straight = lens.image(ramp)[shown[:, 1], shown[:, 0]]
+    straight = lens.straight_image(ramp)[shown[:, 1], shown[:, 0]]
     assert np.abs(straight - np.interp(seen[:, 0], np.arange(640), ramp[0])).max() <= 1.5
 
 
@@ -247,6 +249,7 @@ def test_track_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], tm
     assert json.loads((out / "run.json").read_text())["options"]["camera"] == str(file)
 
 
+@pytest.mark.slow
 def test_a_calibration_of_larger_images_is_scaled_and_the_user_told(
     scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -330,9 +333,9 @@ def test_inspect_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], 
     assert np.allclose(found["outline"][0], chosen.view.outer.points, atol=2e-3)
     assert found["options"]["camera"] == str(file)
     lens, straight = Undistortion(camera, 640, 480), camera.undistort(chosen.contacts)
-    J = lens.stretch(straight - lens.offset)
+    J = lens.point_jacobian(straight - lens.offset)
     focal = Beforehand.by_calibration(lens.focal, NUMBERS)
-    ideal = inspect(lens.image(seen[0].image), ignore=lens.ignored(None), focal=focal)
+    ideal = inspect(lens.straight_image(seen[0].image), ignore=lens.ignored_pixels(None), focal=focal)
     assert ideal.grasp is not None
     assert np.allclose(found["grasp"]["covariance_px2"], J @ ideal.grasp.covariance @ np.swapaxes(J, 1, 2), rtol=1e-3)
     assert found["error_px"] == pytest.approx(ideal.error_px, rel=1e-5)

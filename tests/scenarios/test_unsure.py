@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import grasptrack as gt
@@ -40,6 +40,7 @@ def test_two_equal_objects_are_not_sure_and_one_alone_is() -> None:
     assert tracker.candidates[0].probability < 0.9
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "word",
     [
@@ -73,7 +74,6 @@ def test_no_probability_is_told(sure: float) -> None:
 # --- the servo ----------------------------------------------------------------------------------
 
 
-@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 20), st.integers(1, 60))
 def test_no_hand_moves_before_it_is_sure(seed: int, frames: int) -> None:
     """However long it lasts; then it goes as if it had begun there."""
@@ -110,7 +110,7 @@ def test_it_does_not_wait_for_ever_and_a_moving_hand_stops() -> None:
 @pytest.mark.slow
 def test_a_rendered_hand_stands_still_and_says_why(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
-    from grasptrack_bench.approach.case import Case
+    from grasptrack_bench.approach.case import ApproachCase
     from grasptrack_bench.approach.trial import Step, run_trial
     from grasptrack_bench.simulation import SHAPES
 
@@ -120,7 +120,7 @@ def test_a_rendered_hand_stands_still_and_says_why(tmp_path: Path) -> None:
         if step.command is not None:
             twists.append(step.command.twist)
 
-    row, _ = run_trial(Case(SHAPES["bracket"](), 3, pictures=False, sure=0.9999), watch)
+    row, _ = run_trial(ApproachCase(SHAPES["bracket"](), 3, pictures=False, sure=0.9999), watch)
     assert row.outcome == "failed" and "not sure which object" in row.reason
     assert not np.any(twists)
     assert main(["servo", "--sure", "1.2", "--output", str(tmp_path)]) == 2

@@ -30,13 +30,7 @@ REDRAWN = 5  # suites, with other seeds, for the noise
 
 WRONG = "false_accepts"
 """Is to be none, whatever is found: its standard is not renewed, and no noise excuses it."""
-BETTER = {
-    "located_whole": 1,
-    "located_partly": 1,
-    "false_accepts": -1,
-    "median_px": -1,
-    "p95_px": -1,
-}
+BETTER = {"located_whole": 1, "located_partly": 1, "false_accepts": -1, "median_px": -1, "p95_px": -1}
 """Fields of `Measures` that are held, and the direction in which each gets better."""
 LEAST_NOISE = {
     "located_whole": 0.002,

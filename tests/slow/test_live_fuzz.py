@@ -31,12 +31,12 @@ def test_the_page_survives_what_it_is_told(tmp_path: Path, seed: int) -> None:
         found = [finding for _, finding in islice(live_messages.fuzz(target, seed), 1500)]
         assert [f for f in found if f is not None] == []
         begun: list[int] = []
-        target.session.listen(lambda s: begun.append(s.image) if s.phase == "looking" and is_first(s) else None)
+        target.session.add_listener(lambda s: begun.append(s.image) if s.phase == "looking" and is_first(s) else None)
         for command in (told.Record(False), told.Fingers(2), told.Friction(0.5), told.Restart()):
-            target.session.tell(command)
+            target.session.send_command(command)
         # What was told of the first image holds after a restart, too, and may be sure: then it is followed at once.
         until(target.session, lambda s: s.phase in ("choosing", "ended") and begun)
-        target.session.tell(told.Pick(begun[-1], 110.0, 100.0))
+        target.session.send_command(told.Pick(begun[-1], 110.0, 100.0))
         shown = reached(target.session, "ended")
         assert shown.result is not None and shown.result.status == "tracked"
     finally:

@@ -254,7 +254,7 @@ def test_what_is_typed_stays_until_it_is_taken_or_taken_back(tmp_path: Path) -> 
         field.send_keys("0.8", Keys.TAB)
         until(session, lambda s: s.friction == 0.8)
         images_come()
-        session.tell(told.Friction(0.65))  # on another page
+        session.send_command(told.Friction(0.65))  # on another page
         page.wait(lambda: field.get_attribute("value") == "0.65")
         page.press("f")
         page.find("#opening").send_keys(Keys.CONTROL + "a")

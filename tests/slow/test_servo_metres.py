@@ -46,20 +46,15 @@ class Watched:
         self._restarts = 0
 
     def step(
-        self,
-        command: gt.Command,
-        hand: np.ndarray,
-        contacts: np.ndarray,
-        camera: HandEye,
-        tips: np.ndarray,
+        self, command: gt.Command, hand: np.ndarray, contacts: np.ndarray, camera: HandEye, tips: np.ndarray
     ) -> None:
         """One command, and the truth: contacts (k, 3) m in the base, the camera, fingertips (k, 3) m in the hand."""
         known = self._servo._known
         if known.restarts != self._restarts:
             self._trust, self._restarts = Trust(), known.restarts
-        if not isinstance(known.estimate, Estimate) or known.exploring:
+        if not isinstance(known.estimate, Estimate) or known.is_exploring:
             return
-        told = self._trust.estimate(known.estimate, known._origin, known._seen, known._search)
+        told = self._trust.with_true_covariance(known.estimate, known._origin, known._seen, known._search)
         now = {MOMENTS[0]}
         if command.reason == "goes down":
             now.add(MOMENTS[1])
@@ -70,13 +65,7 @@ class Watched:
             self._compare(moment, told, hand, contacts, camera, tips)
 
     def _compare(
-        self,
-        moment: str,
-        told: Estimate,
-        hand: np.ndarray,
-        contacts: np.ndarray,
-        camera: HandEye,
-        tips: np.ndarray,
+        self, moment: str, told: Estimate, hand: np.ndarray, contacts: np.ndarray, camera: HandEye, tips: np.ndarray
     ) -> None:
         k, dof, goal, time = len(contacts), self._servo.dof, self._servo.goal, self._servo._clock.now
         pose = grasp_pose(told, k, hand, time, dof)
@@ -179,11 +168,7 @@ def on_images(what: str, seed: int, count: int) -> Found:
         matrix = world.setting.camera.matrix
         camera = HandEye(float(matrix[0, 0]), matrix[:2, 2], (640, 480), world.setting.mount, np.eye(7))
         watched[0].step(
-            step.command,
-            world.pose(),
-            places @ part[:3, :3].T + part[:3, 3],
-            camera,
-            world.hand.tips(world.opening()),
+            step.command, world.pose(), places @ part[:3, :3].T + part[:3, 3], camera, world.hand.tips(world.opening())
         )
 
     plain = trial.on_part
@@ -227,10 +212,10 @@ def listen(
             alarm.change_grasp()
             grasp = bench.grasp
         seen = known._last[-1] if known._last else None
-        if isinstance(known.estimate, Estimate) and not known.exploring and seen is not None and seen.time > last:
-            last, now = seen.time, trust.estimate(known.estimate, known._origin, known._seen, known._search)
+        if isinstance(known.estimate, Estimate) and not known.is_exploring and seen is not None and seen.time > last:
+            last, now = seen.time, trust.with_true_covariance(known.estimate, known._origin, known._seen, known._search)
             if known._fits and known._fits[-1]:
-                alarm.take(seen, now, known.estimate.displaced_at)
+                alarm.take_sighting(seen, now, known.estimate.displaced_at)
             if not knocked or not any(knock):
                 told = HandEye.from_estimate(now)
         if command.close:

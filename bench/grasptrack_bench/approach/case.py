@@ -38,7 +38,7 @@ def check_options(*, scenario: str, arm: str, law: str, images: str, fingers: in
 
 
 @dataclass(frozen=True)
-class Case:
+class ApproachCase:
     """What is to be tried.
 
     Attributes:

@@ -16,7 +16,7 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.hand import Hand, Length
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.grasp.synthesis.candidates import Candidates, Stable, sample_candidates
-from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
+from grasptrack.grasp.synthesis.limits import UnevennessLimits, reject_infeasible
 from grasptrack.grasp.synthesis.search import duplicate_radius, far_enough
 from grasptrack.kernels.results import RankedCandidates, RankingLimits, WrenchSpace
 from grasptrack.tracking.numbers import DEFAULT_RISK
@@ -182,7 +182,7 @@ def radial_grasps(view: View, hand: Hand, friction: float, even: float) -> Choic
     )
     index, closure = index[closure > 0.0], closure[closure > 0.0]
     found = Stable(at, index, np.ones(len(index)), closure, friction)
-    left, refused = reject_infeasible(found, at, view, px, (), Limits())
+    left, refused = reject_infeasible(found, at, view, px, (), UnevennessLimits())
     if not len(left):
         return Choice([], f"no three contacts for this hand: {next(iter(refused), 'none closes')}")
     chosen, quality, _ = kernels.rank_grasps(
@@ -206,7 +206,7 @@ def even_triples(at: Candidates, friction: float, even: float, reach: float) -> 
         even: px between the third contact and its place, at most.
         reach: px from the middle, at most.
     """
-    usable = np.flatnonzero(at.usable & (at.roughness <= Limits().roughness))
+    usable = np.flatnonzero(at.usable & (at.roughness <= UnevennessLimits().roughness))
     p, n = at.contacts[usable], at.normals[usable]
     if not len(usable):
         return np.zeros((0, 3), dtype=np.int64)

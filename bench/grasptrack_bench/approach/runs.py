@@ -24,7 +24,7 @@ from grasptrack.io.video import VideoWriter
 from grasptrack.statistics import wilson_interval
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.typing import Floats, Pixels
-from grasptrack_bench.approach.case import Case, Law, Row
+from grasptrack_bench.approach.case import ApproachCase, Law, Row
 from grasptrack_bench.approach.pictures import hold_result, side_by_side
 from grasptrack_bench.approach.plot import plot_approach
 from grasptrack_bench.approach.trial import Step, run_trial
@@ -43,7 +43,7 @@ HELD_S = 1.5
 _EXPECTED = 250
 
 
-class Record:
+class TrialRecord:
     """Keeps what the plots show, and writes the video as it goes.
 
     Args:
@@ -93,7 +93,9 @@ class Record:
             self._writer.close()
 
 
-def run_and_film(case: Case, output: Path, *, video: bool, options: dict[str, Any], progress: Progress | None) -> Row:
+def run_and_film(
+    case: ApproachCase, output: Path, *, video: bool, options: dict[str, Any], progress: Progress | None
+) -> Row:
     """Run one approach; write approach.mp4, approach.png and approach.json.
 
     Args:
@@ -101,7 +103,7 @@ def run_and_film(case: Case, output: Path, *, video: bool, options: dict[str, An
         output: folder, made when missing; the files of an earlier approach are removed.
         video: write the video.
         options: what was asked for, for the verdict's file.
-        progress: see `Record`.
+        progress: see `TrialRecord`.
 
     Raises:
         InputError: the folder cannot be written, another run writes to it, MuJoCo is missing, or the part cannot be shown.
@@ -109,7 +111,7 @@ def run_and_film(case: Case, output: Path, *, video: bool, options: dict[str, An
     with hold_folder(output):
         for name in (VIDEO, PLOTS, VERDICT):
             (output / name).unlink(missing_ok=True)
-        record = Record(output / VIDEO if video else None, progress)
+        record = TrialRecord(output / VIDEO if video else None, progress)
         try:
             row, _ = run_trial(case, record)
             record.end(row)
@@ -139,21 +141,21 @@ def draw_cases(
     fingers: Literal[2, 3] = 2,
     risk: float = DEFAULT_RISK,
     sure: float = 0.0,
-) -> list[Case]:
+) -> list[ApproachCase]:
     """Trials with shapes in an order that the seed decides, each as often as the others, give or take one.
 
     Args:
         shapes: to draw from.
         count: of trials.
         seed: of everything; trial k is the same for every law.
-        scenario, arm, law, images, fingers, risk, sure: as in `Case`.
+        scenario, arm, law, images, fingers, risk, sure: as in `ApproachCase`.
     """
     rng = np.random.default_rng((seed, 73))
     order: list[int] = []
     while len(order) < count:
         order += rng.permutation(len(shapes)).tolist()
     return [
-        Case(shapes[i], 100_000 * seed + k, scenario, arm, law, images, fingers=fingers, risk=risk, sure=sure)
+        ApproachCase(shapes[i], 100_000 * seed + k, scenario, arm, law, images, fingers=fingers, risk=risk, sure=sure)
         for k, i in enumerate(order[:count])
     ]
 
@@ -231,7 +233,7 @@ class Trials:
 
 def run_trials(
     output: Path,
-    cases: Sequence[Case],
+    cases: Sequence[ApproachCase],
     schedule: Scheduler,
     *,
     options: dict[str, Any],
@@ -288,7 +290,7 @@ def run_trials(
     return trials
 
 
-def _rows_before(output: Path, head: Mapping[str, Any], cases: Sequence[Case]) -> dict[int, Row]:
+def _rows_before(output: Path, head: Mapping[str, Any], cases: Sequence[ApproachCase]) -> dict[int, Row]:
     """What an interrupted run of these cases left, by their numbers; files of any other run are removed."""
     found: dict[int, Row] = {}
     if read_unfinished(output / INDEX, head) is not None:
@@ -346,6 +348,6 @@ def _format_cell(value: Any) -> str:
     return f"{value:.4f}" if isinstance(value, float) else str(value)
 
 
-def _picture_file(output: Path, case: Case) -> Path:
+def _picture_file(output: Path, case: ApproachCase) -> Path:
     name = re.sub(r"[^\w.-]+", "_", case.name)
     return output / FAILURES / f"{name}.png"

@@ -23,14 +23,14 @@ from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
-from grasptrack_bench.approach.case import Case, Law, Row
+from grasptrack_bench.approach.case import ApproachCase, Law, Row
 from grasptrack_bench.approach.choosing import closing_grasps, first_look, hand_for, turn_between, width_in_m
 from grasptrack_bench.approach.truth import on_part, pairs_that_close, record_closing_errors, triples_that_close
 from grasptrack_bench.physics import World
 from grasptrack_bench.physics.gripper import Gripper, make_gripper
 from grasptrack_bench.physics.setting import Setting
+from grasptrack_bench.simulation.coverage import subdivide_polygon
 from grasptrack_bench.simulation.outlines import Shape
-from grasptrack_bench.simulation.render import subdivide_polygon
 
 WINDOW, LEAST = 8, 0.5
 """Images, and the share of them in which the grasp has to be found, or it is looked for anew."""
@@ -154,7 +154,7 @@ Watch = Callable[[World, Step], None]
 @dataclass
 class _Run:
     world: World
-    case: Case
+    case: ApproachCase
     row: Row
     watch: Watch | None
     step: Step = field(default_factory=lambda: Step("look", 0.0))
@@ -181,7 +181,7 @@ class _Run:
             self.watch(self.world, step)
 
 
-def run_trial(case: Case, watch: Watch | None = None) -> tuple[Row, bytes]:
+def run_trial(case: ApproachCase, watch: Watch | None = None) -> tuple[Row, bytes]:
     """Look, choose, approach, close, lift.
 
     Args:

@@ -18,10 +18,10 @@ from grasptrack.images import Grey, to_grey
 from grasptrack.segmentation.first_look import find_objects
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
-from grasptrack_bench.method import Start
+from grasptrack_bench.method import MethodStart
 
 
-class Region(NamedTuple):
+class PartRegion(NamedTuple):
     """The part in the first image.
 
     Attributes:
@@ -52,7 +52,7 @@ class Region(NamedTuple):
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
 
-def region_of(start: Start, image: Grey) -> Region:
+def region_of(start: MethodStart, image: Grey) -> PartRegion:
     """The part as the start tells it, else as the product's own segmentation finds it at the contacts, else a box.
 
     Args:
@@ -67,7 +67,7 @@ def region_of(start: Start, image: Grey) -> Region:
     cv2.fillPoly(mask, [np.rint(16.0 * p).astype(np.int32) for p in polygons], (255,), shift=4)
     if not mask.any():
         raise ObservationError("the part is not in the first image")
-    return Region(mask, np.asarray(polygons[0], dtype=np.float64))
+    return PartRegion(mask, np.asarray(polygons[0], dtype=np.float64))
 
 
 def view_at(image: Grey, contacts: Floats) -> View | None:
@@ -95,7 +95,7 @@ class LostError(GraspTrackError):
     """A peer has no answer in this image; the message is the reason."""
 
 
-class Found(NamedTuple):
+class BaselineAnswer(NamedTuple):
     """A peer's answer.
 
     Attributes:
@@ -120,7 +120,7 @@ class Peer(ABC):
     failures: ClassVar[tuple[type[Exception], ...]] = (GraspTrackError, cv2.error, np.linalg.LinAlgError)
     """What its library raises when an image defeats it."""
 
-    def __init__(self, start: Start) -> None:
+    def __init__(self, start: MethodStart) -> None:
         self.start = start
         self.contacts = np.array(start.contacts, dtype=np.float64)
         self._frame = -1
@@ -135,7 +135,7 @@ class Peer(ABC):
         """
 
     @abstractmethod
-    def follow(self, image: Grey) -> Found:
+    def follow(self, image: Grey) -> BaselineAnswer:
         """The grasp in a later image (H, W).
 
         Raises:
@@ -165,16 +165,16 @@ class Peer(ABC):
             homography=found.homography,
         )
 
-    def _look(self, image: NDArray[Any]) -> Found:
+    def _look(self, image: NDArray[Any]) -> BaselineAnswer:
         grey = to_grey(image)
         if self._frame == 0:
             self.begin(grey)
-            return Found(self.contacts, np.eye(3), 1.0)
+            return BaselineAnswer(self.contacts, np.eye(3), 1.0)
         if self._begun:
             raise LostError(f"it could not begin: {self._begun}")
         return self.follow(grey)
 
-    def moved(self, H: Floats | None, region: Floats, confidence: float) -> Found:
+    def moved(self, H: Floats | None, region: Floats, confidence: float) -> BaselineAnswer:
         """The contacts carried by a homography, if any view of a flat object could give it.
 
         Args:
@@ -190,7 +190,7 @@ class Peer(ABC):
             raise LostError("no homography fits")
         H = np.asarray(H, dtype=np.float64)
         check_plausible(H, region)
-        return Found(apply_homography(H, self.contacts), normalize_homography(H), confidence)
+        return BaselineAnswer(apply_homography(H, self.contacts), normalize_homography(H), confidence)
 
 
 def _one_line(error: Exception) -> str:

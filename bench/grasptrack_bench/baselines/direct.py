@@ -18,8 +18,8 @@ from grasptrack.errors import GraspTrackError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.images import Grey
 from grasptrack.typing import Floats
-from grasptrack_bench.baselines.base import NO_CONFIDENCE, Found, LostError, Peer, Region, region_of
-from grasptrack_bench.method import Start
+from grasptrack_bench.baselines.base import NO_CONFIDENCE, BaselineAnswer, LostError, PartRegion, Peer, region_of
+from grasptrack_bench.method import MethodStart
 
 MARGIN = 12
 """px round the part that are compared too: there are its edges."""
@@ -42,7 +42,7 @@ class Ecc(Peer):
 
     name: ClassVar[str] = "ecc"
 
-    def __init__(self, start: Start) -> None:
+    def __init__(self, start: MethodStart) -> None:
         super().__init__(start)
         self._H: Floats = np.eye(3)
 
@@ -59,7 +59,7 @@ class Ecc(Peer):
             raise LostError("the part and its surroundings are of one grey")
         self._corners = region.corners
 
-    def follow(self, image: Grey) -> Found:
+    def follow(self, image: Grey) -> BaselineAnswer:
         """See Peer."""
         reason = ""
         for guess in (self._coarse_homography(image), self._H):
@@ -167,7 +167,7 @@ class ViSP(Peer):
         RuntimeError,  # what the bindings make of ViSP's exceptions
     )
 
-    def __init__(self, start: Start) -> None:
+    def __init__(self, start: MethodStart) -> None:
         super().__init__(start)
         self._missing = why_not()
         self._p: Floats = np.zeros(8)
@@ -188,7 +188,7 @@ class ViSP(Peer):
         points = [self._core.ImagePoint(y, x) for x, y in template_triangles(region).tolist()]
         self._tracker.initFromPoints(self._core.ImageGray(image), points, False)
 
-    def follow(self, image: Grey) -> Found:
+    def follow(self, image: Grey) -> BaselineAnswer:
         """See Peer."""
         try:
             self._tracker.track(self._core.ImageGray(image))
@@ -208,7 +208,7 @@ def homography_of(p: Floats) -> Floats:
     return np.array([[1.0 + p[0], p[3], p[6]], [p[1], 1.0 + p[4], p[7]], [p[2], p[5], 1.0]])
 
 
-def template_triangles(region: Region) -> NDArray[Any]:
+def template_triangles(region: PartRegion) -> NDArray[Any]:
     """(3 n, 2) px, corners of triangles that cover the convex hull of a part and its surroundings."""
     outlines, _ = cv2.findContours(region.grown(MARGIN), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     hull = cv2.convexHull(np.concatenate(outlines))

@@ -37,18 +37,18 @@ class ExtractedOutlines:
         Raises:
             ObservationError: none.
         """
-        self._observer.look(image)
-        return self._observer.first(hints or FirstImage())
+        self._observer.set_image(image)
+        return self._observer.find_objects(hints or FirstImage())
 
     def choose(self, candidate: Candidate) -> Grey:
         """Follow this object from now on. Returns the first image in the mixture of colours that shows it best."""
         self._last = candidate.view
-        return self._observer.choose(candidate)
+        return self._observer.choose_object(candidate)
 
     def next(self, image: NDArray[Any]) -> tuple[Grey, View | str]:
         """The next image in that mixture, and the outline in it, or why there is none."""
         assert self._last is not None, "no object was chosen"
-        grey = self._observer.look(image)
+        grey = self._observer.set_image(image)
         found = self._find(grey, image, self._last)
         if isinstance(found, View):
             self._last = found
@@ -56,9 +56,9 @@ class ExtractedOutlines:
 
     def _find(self, grey: Grey, image: NDArray[Any], last: View) -> View | str:
         centres = np.array([c.points.mean(axis=0) for c in last.contours[1:]]).reshape(-1, 2)
-        view = next(self._observer.near(grey, last.outer.points, centres), None)
+        view = next(self._observer.views_near(grey, last.outer.points, centres), None)
         if view is not None:
-            self._observer.believe(view)
+            self._observer.learn_levels(view)
             return view
         try:
             return first_look(image)[0].view

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from grasptrack.geometry.homographies import apply_homography, check_plausible
 from grasptrack.images import Grey
 from grasptrack.typing import Floats
-from grasptrack_bench.baselines.base import Found, LostError, Peer, region_of
+from grasptrack_bench.baselines.base import BaselineAnswer, LostError, Peer, region_of
 
 Points = NDArray[np.float32]
 
@@ -71,7 +71,7 @@ class Klt(Peer):
         self._first = self._image = image
         self._H: Floats = np.eye(3)
 
-    def follow(self, image: Grey) -> Found:
+    def follow(self, image: Grey) -> BaselineAnswer:
         """See Peer."""
         last = apply_homography(self._H, self._points).astype(np.float32)
         now, kept = self._forward_backward_flow(self._image, image, last)
@@ -115,7 +115,7 @@ class Sift(Peer):
         if self._described is None or len(points) < LEAST:
             raise LostError(f"only {len(points)} points to match on the part; {LEAST} are needed")
 
-    def follow(self, image: Grey) -> Found:
+    def follow(self, image: Grey) -> BaselineAnswer:
         """See Peer."""
         points, described = self._sift.detectAndCompute(image, None)
         if described is None or len(points) < 2:

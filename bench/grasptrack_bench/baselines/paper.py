@@ -23,16 +23,16 @@ from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.snake.active_contour import Snake
 from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
-from grasptrack_bench.baselines.base import NO_CONFIDENCE, Found, LostError, Peer, farthest_contact_distance
+from grasptrack_bench.baselines.base import NO_CONFIDENCE, BaselineAnswer, LostError, Peer, farthest_contact_distance
 from grasptrack_bench.baselines.extraction import ExtractedOutlines, Seen, begin_near
 from grasptrack_bench.baselines.literal import LiteralGraspLine, LiteralHomography, LiteralRRP
-from grasptrack_bench.method import Start
+from grasptrack_bench.method import MethodStart
 
 LEAST = 2e-4
 """Smallest silhouette as a share of the image."""
 
 
-class Place(NamedTuple):
+class SilhouettePlace(NamedTuple):
     """Where a silhouette is: centroid (2,) px, area px^2, angle rad of the axis of least inertia, modulo pi."""
 
     centre: Floats
@@ -53,7 +53,7 @@ class OtsuSilhouettes:
     def __init__(self, contacts: Floats) -> None:
         self._contacts = contacts
         self._dark = True
-        self._last: Place | None = None
+        self._last: SilhouettePlace | None = None
 
     def __call__(self, image: Grey) -> Silhouette:
         """The silhouette in the next image.
@@ -84,14 +84,14 @@ def _otsu_silhouettes(image: Grey, dark: bool) -> list[Silhouette]:
     return trace_silhouettes(np.asarray(binary, dtype=np.uint8), LEAST * image.size)
 
 
-def place_of(shape: Silhouette) -> Place:
+def place_of(shape: Silhouette) -> SilhouettePlace:
     """Centroid, area and axis of a silhouette, its holes filled."""
     m = cv2.moments(shape.outer.reshape(-1, 1, 2))
     centre = np.array([m["m10"], m["m01"]]) / m["m00"]
-    return Place(centre, float(m["m00"]), 0.5 * math.atan2(2.0 * m["mu11"], m["mu20"] - m["mu02"]))
+    return SilhouettePlace(centre, float(m["m00"]), 0.5 * math.atan2(2.0 * m["mu11"], m["mu20"] - m["mu02"]))
 
 
-def _silhouette_distance(one: Place, other: Place) -> float:
+def _silhouette_distance(one: SilhouettePlace, other: SilhouettePlace) -> float:
     """How far two silhouettes are apart: their distance in sqrt(area), and the logarithm of the ratio of their areas."""
     apart = math.hypot(*(one.centre - other.centre).tolist()) / math.sqrt(other.area)
     return apart + abs(math.log(one.area / other.area))
@@ -105,7 +105,7 @@ class Otsu(Peer):
 
     name: ClassVar[str] = "otsu"
 
-    def __init__(self, start: Start) -> None:
+    def __init__(self, start: MethodStart) -> None:
         super().__init__(start)
         self._find = OtsuSilhouettes(self.contacts)
         self._angle = 0.0
@@ -115,7 +115,7 @@ class Otsu(Peer):
         self._first = place_of(self._find(image))
         self._angle = self._first.angle
 
-    def follow(self, image: Grey) -> Found:
+    def follow(self, image: Grey) -> BaselineAnswer:
         """See Peer."""
         now, first = place_of(self._find(image)), self._first
         self._angle = now.angle + math.pi * round((self._angle - now.angle) / math.pi)
@@ -140,7 +140,7 @@ class PaperTransfer(Peer):
         nearest = min(found, key=lambda candidate: farthest_contact_distance(candidate.view.points, self.contacts))
         self._learn(nearest.view, self._extracted.choose(nearest))
 
-    def follow(self, image: Grey) -> Found:
+    def follow(self, image: Grey) -> BaselineAnswer:
         """See Peer."""
         grey, view = self._extracted.next(image)
         moved, view = self._transfer(grey, view)
@@ -148,7 +148,7 @@ class PaperTransfer(Peer):
         if not analysis.stable:
             raise LostError(f"the transferred grasp does not close in this image: {analysis.reason}")
         self._accept(moved, view)
-        return Found(moved.grasp.contacts, None, NO_CONFIDENCE)
+        return BaselineAnswer(moved.grasp.contacts, None, NO_CONFIDENCE)
 
     @abstractmethod
     def _learn(self, view: View, grey: Grey) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.geometry.contours import Contour, View
-from grasptrack_bench.simulation.render import inside_mask
+from grasptrack_bench.simulation.coverage import inside_mask
 
 Mask = NDArray[np.bool_]
 

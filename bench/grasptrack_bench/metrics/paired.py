@@ -45,7 +45,7 @@ class Unit:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class PairedMeasure:
     """A measure in two runs.
 
     Attributes:
@@ -72,7 +72,7 @@ def units_of(sequences: Iterable[Unit]) -> list[Unit]:
     ]
 
 
-def measures_of(units: Sequence[Unit], taken: Floats) -> dict[str, Found]:
+def measures_of(units: Sequence[Unit], taken: Floats) -> dict[str, PairedMeasure]:
     """Each measure in both runs, with the standard error of its difference.
 
     Errors are those of the frames that both runs answered with the object there, so that to answer more, and harder,
@@ -87,7 +87,7 @@ def measures_of(units: Sequence[Unit], taken: Floats) -> dict[str, Found]:
     if taken.shape[1] != len(units):
         raise ValueError(f"draws of {taken.shape[1]} units cannot serve {len(units)}")
     sides = [[u.sides[k] for u in units] for k in (0, 1)]
-    found: dict[str, Found] = {}
+    found: dict[str, PairedMeasure] = {}
     for key in ("located_whole", "located_partly", "tracked_visible", "recovered", "recovery_frames", "rms_px"):
         parts = [np.array([getattr(s, key) for s in side], dtype=np.float64) for side in sides]
         found[key] = _of_ratio(parts, taken, root=key == "rms_px")
@@ -144,14 +144,14 @@ class _Side:
         )
 
 
-def _of_ratio(parts: Sequence[Floats], taken: Floats, root: bool) -> Found:
+def _of_ratio(parts: Sequence[Floats], taken: Floats, root: bool) -> PairedMeasure:
     def evaluate_ratio(sums: Floats) -> Floats:
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = sums[..., 0] / sums[..., 1]
         return np.asarray(np.sqrt(ratio) if root else ratio, dtype=np.float64)
 
     a, b = (float(evaluate_ratio(p.sum(axis=0))) for p in parts)
-    return Found(
+    return PairedMeasure(
         a,
         b,
         _standard_error(evaluate_ratio(taken @ parts[1]) - evaluate_ratio(taken @ parts[0]), taken.shape[1]),
@@ -159,10 +159,10 @@ def _of_ratio(parts: Sequence[Floats], taken: Floats, root: bool) -> Found:
     )
 
 
-def _of_quantile(sides: Sequence[Sequence[Floats]], percent: float, taken: Floats) -> Found:
+def _of_quantile(sides: Sequence[Sequence[Floats]], percent: float, taken: Floats) -> PairedMeasure:
     pooled = [np.concatenate(side) for side in sides]
     if not len(pooled[0]) or not len(pooled[1]):
-        return Found(math.nan, math.nan, math.nan, taken.shape[1])
+        return PairedMeasure(math.nan, math.nan, math.nan, taken.shape[1])
     a, b = (float(np.percentile(p, percent)) for p in pooled)
     near = np.linspace(max(0.0, percent - AROUND), min(100.0, percent + AROUND), STEPS)
     edges = np.unique(np.percentile(np.concatenate(pooled), near))
@@ -173,7 +173,7 @@ def _of_quantile(sides: Sequence[Sequence[Floats]], percent: float, taken: Float
         total = taken @ np.array([len(values) for values in side], dtype=np.float64)
         first = ((taken @ below) < 0.01 * percent * total[:, None]).sum(axis=1)
         spread.append(edges[first.clip(max=len(edges) - 1)])
-    return Found(a, b, _standard_error(spread[1] - spread[0], taken.shape[1]), taken.shape[1])
+    return PairedMeasure(a, b, _standard_error(spread[1] - spread[0], taken.shape[1]), taken.shape[1])
 
 
 def _standard_error(differences: Floats, units: int) -> float:

@@ -27,7 +27,7 @@ APART = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class MethodRow:
     """One method over some of the cases.
 
     Attributes:
@@ -87,14 +87,14 @@ class Summary:
     groups: tuple[str, ...]
     shapes: tuple[str, ...]
     group_of: dict[str, str]
-    overall: tuple[Row, ...]
-    by_level: tuple[Row, ...]
-    by_group: tuple[Row, ...]
-    by_shape: tuple[Row, ...]
+    overall: tuple[MethodRow, ...]
+    by_level: tuple[MethodRow, ...]
+    by_group: tuple[MethodRow, ...]
+    by_shape: tuple[MethodRow, ...]
     worst: dict[str, tuple[Worst, ...]]
     reasons: dict[str, tuple[tuple[str, int], ...]]
 
-    def row(self, method: str, level: str = ALL) -> Row | None:
+    def row(self, method: str, level: str = ALL) -> MethodRow | None:
         """Of one method over all, or at one level; None where it took no part."""
         rows = self.overall if level == ALL else self.by_level
         return next((r for r in rows if r.method == method and r.level == level), None)
@@ -108,7 +108,7 @@ def summarise_run(run: EvaluationRun) -> Summary:
     """
     cases = run.scored
 
-    def rows_by(of: Callable[[Case], str], names: Sequence[str]) -> tuple[Row, ...]:
+    def rows_by(of: Callable[[Case], str], names: Sequence[str]) -> tuple[MethodRow, ...]:
         sorted_out = {name: [c for c in cases if of(c) == name] for name in names}
         return tuple(
             row_of(method, name, runs)
@@ -136,12 +136,12 @@ def summarise_run(run: EvaluationRun) -> Summary:
     )
 
 
-def row_of(method: str, level: str, runs: Sequence[Sequence[FrameScore]]) -> Row:
+def row_of(method: str, level: str, runs: Sequence[Sequence[FrameScore]]) -> MethodRow:
     """All figures of one method over some of its runs."""
     frames = [f for run in runs for f in run if f.measured]
     shown = [f.answered for f in frames if f.present and f.visible >= PARTLY]
     located = sum(shown) / len(shown) if shown else math.nan
-    return Row(method, level, len(runs), located, risk_area(risk_coverage(frames)), compute_measures(runs))
+    return MethodRow(method, level, len(runs), located, risk_area(risk_coverage(frames)), compute_measures(runs))
 
 
 def risk_area(curve: Floats) -> float:

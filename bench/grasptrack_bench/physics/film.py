@@ -28,15 +28,15 @@ from grasptrack_bench.physics.images import (
 )
 from grasptrack_bench.physics.model import import_mujoco
 from grasptrack_bench.physics.setting import HEIGHT, WIDTH
-from grasptrack_bench.simulation.camera import Camera
+from grasptrack_bench.simulation.camera import Pinhole
 from grasptrack_bench.simulation.render import TO_GREY, Renderer
-from grasptrack_bench.simulation.textures import Look, Texture, sample_look
+from grasptrack_bench.simulation.textures import SceneAppearance, TextureMap, sample_look
 
 if TYPE_CHECKING:
     from grasptrack_bench.physics.images import Layer
     from grasptrack_bench.physics.world import World
 
-BYSTANDER = Camera(WIDTH, HEIGHT, focal=HEIGHT / 2.0 / np.tan(np.radians(20.0)))
+BYSTANDER = Pinhole(WIDTH, HEIGHT, focal=HEIGHT / 2.0 / np.tan(np.radians(20.0)))
 """40 degrees high."""
 NEAR_BY: Floats = np.array([0.35, -0.47, 0.27])
 """m, from what it looks at: near enough that a part which comes up 12 cm crosses a third of the picture."""
@@ -70,9 +70,9 @@ def colour_of_level(hue: Floats32, level: float) -> Floats32:
     return np.asarray(level * (1.0 + share * (hue - 1.0)), np.float32)
 
 
-def tint_texture(texture: Texture, hue: Floats32) -> Texture:
+def tint_texture(texture: TextureMap, hue: Floats32) -> TextureMap:
     """The same pattern in a hue, its grey levels kept."""
-    return Texture(np.ascontiguousarray(_colour_table(hue)[texture.grey.image]), texture.extent, texture.middle)
+    return TextureMap(np.ascontiguousarray(_colour_table(hue)[texture.grey.image]), texture.extent, texture.middle)
 
 
 def _colour_table(hue: Floats32) -> Pixels:
@@ -124,13 +124,13 @@ def bystander_pose(world: World) -> Floats:
 class PlanarFilm:
     """Draws by homographies."""
 
-    def __init__(self, world: World, seen: Look) -> None:
+    def __init__(self, world: World, seen: SceneAppearance) -> None:
         size, part = world.setting.part.size, world.setting.part.shape
         table, surface = tint_texture(seen.table, TABLE_HUE), tint_texture(seen.surface, PART_HUE)
         self._view = Renderer(
             part,
-            Texture(table.image, table.extent * size),
-            Texture(surface.image, surface.extent * size),
+            TextureMap(table.image, table.extent * size),
+            TextureMap(surface.image, surface.extent * size),
             width=WIDTH,
             height=HEIGHT,
             blur=BLUR,
@@ -216,7 +216,7 @@ class MujocoFilm:
     _LAMP = 3.0
     """m that the lamp stands off."""
 
-    def __init__(self, world: World, seen: Look) -> None:
+    def __init__(self, world: World, seen: SceneAppearance) -> None:
         mujoco = import_mujoco()
         self._model = copy.deepcopy(world.model)
         self._data = mujoco.MjData(self._model)

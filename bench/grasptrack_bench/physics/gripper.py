@@ -29,7 +29,7 @@ WRIST = (0.03, 0.024, 0.07)
 
 
 @dataclass(frozen=True)
-class Box:
+class GripperBox:
     """A box of the hand: centre and half-lengths, and which finger it belongs to (-1: none)."""
 
     name: str
@@ -64,13 +64,13 @@ class Gripper:
         c, s = math.cos(a), math.sin(a)
         return np.array([[c, -s, 0.0, c * travel], [s, c, 0.0, s * travel], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
-    def finger_boxes(self, finger: int) -> list[Box]:
+    def finger_boxes(self, finger: int) -> list[GripperBox]:
         """Pad and shaft of a finger in its own frame, the face of the pad at x = 0."""
         t, w, length = PAD_THICKNESS / 2.0, PAD_WIDTH / 2.0, PAD_LENGTH / 2.0
         back = (REACH - PAD_LENGTH) / 2.0
         return [
-            Box("pad", (t, 0.0, -length), (t, w, length), finger),
-            Box(
+            GripperBox("pad", (t, 0.0, -length), (t, w, length), finger),
+            GripperBox(
                 "shaft",
                 (SHAFT_THICKNESS / 2.0, 0.0, -PAD_LENGTH - back),
                 (SHAFT_THICKNESS / 2.0, SHAFT_WIDTH / 2.0, back),
@@ -78,11 +78,11 @@ class Gripper:
             ),
         ]
 
-    def fixed_boxes(self) -> list[Box]:
+    def fixed_boxes(self) -> list[GripperBox]:
         """Palm and wrist in the frame of the hand."""
         return [
-            Box("palm", (0.0, PALM[1] - 0.004, -REACH - PALM[2]), PALM),
-            Box("wrist", (0.0, PALM[1] + 0.012, -REACH - 2.0 * PALM[2] - WRIST[2]), WRIST),
+            GripperBox("palm", (0.0, PALM[1] - 0.004, -REACH - PALM[2]), PALM),
+            GripperBox("wrist", (0.0, PALM[1] + 0.012, -REACH - 2.0 * PALM[2] - WRIST[2]), WRIST),
         ]
 
     def boxes(self, opening: float) -> list[Floats]:

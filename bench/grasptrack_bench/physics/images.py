@@ -21,7 +21,7 @@ from grasptrack_bench.physics.serial import Rod
 from grasptrack_bench.physics.setting import HEIGHT, WIDTH, Setting
 from grasptrack_bench.simulation.conditions import pooled_noise
 from grasptrack_bench.simulation.render import Renderer
-from grasptrack_bench.simulation.textures import Look, Texture, sample_look
+from grasptrack_bench.simulation.textures import SceneAppearance, TextureMap, sample_look
 
 if TYPE_CHECKING:
     from grasptrack_bench.physics.world import World
@@ -48,7 +48,7 @@ class Images(Protocol):
         ...
 
 
-def hand_level(seen: Look) -> float:
+def hand_level(seen: SceneAppearance) -> float:
     """Grey level of the hand: neither the table's nor the part's."""
     levels = sorted((seen.table_level, seen.surface_level))
     gaps = [levels[0], levels[1] - levels[0], 230.0 - levels[1]]
@@ -92,7 +92,7 @@ def offscreen_error() -> str:
 class MujocoImages:
     """Draws by OpenGL; see `Images`."""
 
-    def __init__(self, setting: Setting, seen: Look, seed: int) -> None:
+    def __init__(self, setting: Setting, seen: SceneAppearance, seed: int) -> None:
         self.levels = {"table": seen.table_level, "part": seen.surface_level, "hand": hand_level(seen)}
         self._blocked_seed = seed
         found, data = cv2.imencode(".png", seen.table.coloured.image)
@@ -136,13 +136,13 @@ class PlanarImages:
         seed: of the noise.
     """
 
-    def __init__(self, setting: Setting, hand: Gripper, seen: Look, seed: int) -> None:
+    def __init__(self, setting: Setting, hand: Gripper, seen: SceneAppearance, seed: int) -> None:
         self.levels = {"table": seen.table_level, "part": seen.surface_level, "hand": hand_level(seen)}
         self.texture, self.assets = "", dict[str, bytes]()
         self._setting, self._gripper, self._seed = setting, hand, seed
         size = setting.part.size
-        table = Texture(seen.table.image, seen.table.extent * size)
-        surface = Texture(seen.surface.image, seen.surface.extent * size)
+        table = TextureMap(seen.table.image, seen.table.extent * size)
+        surface = TextureMap(seen.surface.image, seen.surface.extent * size)
         self._view = Renderer(setting.part.shape, table, surface, width=WIDTH, height=HEIGHT, blur=BLUR, colour=False)
         self._layer: tuple[float, Layer] | None = None
 

@@ -14,7 +14,7 @@ from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.physics import frames
 from grasptrack_bench.physics.gripper import MAX_OPENING, PAD_THICKNESS, PAD_WIDTH, SHAFT_THICKNESS, Gripper
 from grasptrack_bench.physics.part import Body
-from grasptrack_bench.simulation.camera import Camera
+from grasptrack_bench.simulation.camera import Pinhole
 
 PULL_S = 0.2
 """s that it takes: as a rule the tips are not down by then, and the part comes away from between them in any direction."""
@@ -73,7 +73,7 @@ def choose_pull(
     hand: Gripper,
     at: Floats,
     opening: float,
-    camera: Camera,
+    camera: Pinhole,
     mount: Floats,
 ) -> Pull:
     """The first way after which the fingers close on nothing, and the hand sees the part whole once it has gone back.
@@ -138,7 +138,7 @@ def _pixels(points: Floats) -> Any:
     return np.rint((points + HALF) / FINE).astype(np.int32)
 
 
-def whole_outline(part: Body, place: Floats, camera_pose: Floats, camera: Camera) -> Floats | None:
+def whole_outline(part: Body, place: Floats, camera_pose: Floats, camera: Pinhole) -> Floats | None:
     """(N, 2) px of the part's outline at a place (4, 4); None where not all of it is in view, within `BORDER`."""
     H = frames.plane_to_image(camera.matrix, camera_pose, place, part.thickness)
     seen = apply_homography(H, part.shape.outer)

@@ -19,7 +19,7 @@ from grasptrack_bench.physics import frames
 from grasptrack_bench.physics.gripper import MAX_OPENING, Gripper
 from grasptrack_bench.physics.part import Body, extrude_body
 from grasptrack_bench.physics.pull import Pull, sample_pulls, whole_outline
-from grasptrack_bench.simulation.camera import Camera
+from grasptrack_bench.simulation.camera import Pinhole
 from grasptrack_bench.simulation.outlines import Shape
 
 Scenario = Literal["static", "pushed", "belt", "blackout", "pulled"]
@@ -61,7 +61,7 @@ class Setting:
     part: Body
     place: Floats
     hand: Floats
-    camera: Camera
+    camera: Pinhole
     mount: Floats
     belt: Floats
     push: tuple[float, Floats, float] | None
@@ -105,7 +105,7 @@ def sample_setting(
     rng = np.random.default_rng((seed, zlib.crc32(shape.name.encode()), 71))
     size = min(float(rng.uniform(*SIZE)), LONGEST / shape.radius())
     part = extrude_body(shape, size, float(rng.uniform(0.002, 0.006)), float(rng.uniform(1000.0, 2700.0)))
-    camera = Camera(WIDTH, HEIGHT, focal=float(rng.uniform(520.0, 680.0)))
+    camera = Pinhole(WIDTH, HEIGHT, focal=float(rng.uniform(520.0, 680.0)))
     mount = _sample_camera_mount(rng)
     chosen = float(rng.uniform(0.0, math.pi)) if axis is None else axis
     yaw = float(rng.uniform(-math.pi, math.pi))
@@ -159,11 +159,11 @@ def _sample_camera_mount(rng: np.random.Generator) -> Floats:
     return frames.pose_of(R, np.array([x, y, z]))
 
 
-def _open_hand_mask(camera: Camera, mount: Floats, hand: Gripper) -> NDArray[np.uint8]:
+def _open_hand_mask(camera: Pinhole, mount: Floats, hand: Gripper) -> NDArray[np.uint8]:
     return hand_mask(camera, mount, hand, MAX_OPENING, grow=6)
 
 
-def hand_mask(camera: Camera, mount: Floats, hand: Gripper, opening: float, grow: int) -> NDArray[np.uint8]:
+def hand_mask(camera: Pinhole, mount: Floats, hand: Gripper, opening: float, grow: int) -> NDArray[np.uint8]:
     """(H, W) 255 where the hand is seen by its own camera, `grow` px more on every side."""
     mask = np.zeros((camera.height, camera.width), np.uint8)
     inverse = frames.inverse_pose(mount)
@@ -176,7 +176,7 @@ def hand_mask(camera: Camera, mount: Floats, hand: Gripper, opening: float, grow
 
 
 def _is_fully_visible(
-    part: Body, place: Floats, camera_pose: Floats, camera: Camera, blocked: NDArray[np.uint8]
+    part: Body, place: Floats, camera_pose: Floats, camera: Pinhole, blocked: NDArray[np.uint8]
 ) -> bool:
     """Whether the part's outline is seen whole and beside the hand."""
     seen = whole_outline(part, place, camera_pose, camera)

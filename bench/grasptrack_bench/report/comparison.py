@@ -15,7 +15,7 @@ from grasptrack.errors import InputError
 from grasptrack.statistics import bootstrap_counts, critical_value, mcnemar_probability
 from grasptrack_bench.metrics.paired import (
     FEW_CASES,
-    Found,
+    PairedMeasure,
     Unit,
     measures_of,
     units_of,
@@ -48,7 +48,7 @@ FELL = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class SequenceToInspect:
     """A sequence worth a look: frames with contacts that are wrong only now, and the share located before and now."""
 
     method: str
@@ -103,7 +103,7 @@ class Comparison:
     only_b: tuple[str, ...]
     differs: tuple[str, ...]
     changes: tuple[Change, ...] = field(repr=False)
-    looks: tuple[Look, ...] = field(repr=False)
+    looks: tuple[SequenceToInspect, ...] = field(repr=False)
 
     @property
     def worse(self) -> list[Change]:
@@ -151,7 +151,7 @@ def compare_runs(a: Path, b: Path) -> Comparison:
     groups = [(ALL, cases), *((level, tuple(n for n in cases if level_of[n] == level)) for level in levels)]
     if len(levels) < 2:
         groups = groups[:1]
-    found: list[tuple[str, str, list[Unit], dict[str, Found]]] = []
+    found: list[tuple[str, str, list[Unit], dict[str, PairedMeasure]]] = []
     taken = {}
     sequences = {method: _paired_units(one, other, method, cases) for method in methods}
     for method in methods:
@@ -187,7 +187,7 @@ def _paired_units(one: EvaluationRun, other: EvaluationRun, method: str, names: 
 
 
 def _level_changes(
-    method: str, level: str, units: Sequence[Unit], measures: dict[str, Found], count: int, same_machine: bool
+    method: str, level: str, units: Sequence[Unit], measures: dict[str, PairedMeasure], count: int, same_machine: bool
 ) -> list[Change]:
     if not units:
         return []
@@ -204,7 +204,7 @@ def _level_changes(
     return changes
 
 
-def _change_verdict(key: str, m: Found, noise: float) -> Verdict:
+def _change_verdict(key: str, m: PairedMeasure, noise: float) -> Verdict:
     if not all(map(math.isfinite, (noise, m.a, m.b))):
         return "untold"
     change = m.b - m.a
@@ -214,7 +214,7 @@ def _change_verdict(key: str, m: Found, noise: float) -> Verdict:
     return "better" if (change > 0.0) == (COMPARED[key].better == "more") else "worse"
 
 
-def _sequences_to_look_at(sequences: Mapping[str, Mapping[str, Unit]]) -> list[Look]:
+def _sequences_to_look_at(sequences: Mapping[str, Mapping[str, Unit]]) -> list[SequenceToInspect]:
     """Sequences worth a look, by method and name; most new wrong answers first, then those that lost most."""
     found = []
     for method, of_method in sequences.items():
@@ -224,7 +224,7 @@ def _sequences_to_look_at(sequences: Mapping[str, Mapping[str, Unit]]) -> list[L
             mended = tuple(a.frame for a, b in pairs if a.is_false_accept and not b.is_false_accept)
             before, now = (sum(p[k].answered for p in pairs) / max(1, len(pairs)) for k in (0, 1))
             if new or mended or before - now > FELL:
-                found.append(Look(method, name, new, mended, (before, now)))
+                found.append(SequenceToInspect(method, name, new, mended, (before, now)))
     return sorted(found, key=lambda w: (-len(w.new_wrong), w.located[1] - w.located[0]))
 
 

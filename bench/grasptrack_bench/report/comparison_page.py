@@ -10,7 +10,7 @@ from pathlib import Path
 from grasptrack_bench.charts import DASH, format_number, series_palette
 from grasptrack_bench.metrics.paired import BLOCK, FEW_CASES
 from grasptrack_bench.metrics.summary import ALL
-from grasptrack_bench.report.comparison import FELL, MATTERS, UNLIKELY, Change, Comparison, Look
+from grasptrack_bench.report.comparison import FELL, MATTERS, UNLIKELY, Change, Comparison, SequenceToInspect
 from grasptrack_bench.report.glossary import COMPARED, Term
 from grasptrack_bench.report.pages import (
     TEMPLATES,
@@ -107,7 +107,7 @@ def format_odds(probability: float) -> str:
     return "less than once in a million" if probability < 1e-6 else f"once in {format_number(round(1.0 / probability))}"
 
 
-def look_told(look: Look) -> str:
+def look_told(look: SequenceToInspect) -> str:
     """One sequence in a line."""
     parts = []
     if look.new_wrong:
@@ -198,7 +198,7 @@ def _change_table(changes: Sequence[Change], factor: str) -> PageTable:
     return PageTable(columns, lines)
 
 
-def _looks_table(looks: Sequence[Look]) -> PageTable:
+def _looks_table(looks: Sequence[SequenceToInspect]) -> PageTable:
     columns = [
         Column("method", words=True),
         Column("sequence", words=True),

@@ -19,7 +19,7 @@ from grasptrack.typing import Floats, Progress
 from grasptrack_bench.charts import Chart, Series, format_number, format_percent, series_palette
 from grasptrack_bench.charts.answer import draw_answer
 from grasptrack_bench.metrics.integrity import precision_curve
-from grasptrack_bench.metrics.summary import Row, Summary, Worst, summarise_run, write_summary
+from grasptrack_bench.metrics.summary import MethodRow, Summary, Worst, summarise_run, write_summary
 from grasptrack_bench.report import charts
 from grasptrack_bench.report.glossary import CURVES, TERMS
 from grasptrack_bench.report.pages import TEMPLATES, Cell, Column, Figure, Line, PageTable, keep_chart, write_page
@@ -46,9 +46,9 @@ Picture = Callable[[str, str, int], Shown | None]
 class Best(NamedTuple):
     """The best methods: fewest wrong answers, most contacts, smallest error of those that locate half or more."""
 
-    fewest: list[Row]
-    most: list[Row]
-    exact: list[Row]
+    fewest: list[MethodRow]
+    most: list[MethodRow]
+    exact: list[MethodRow]
 
 
 class Loss(NamedTuple):
@@ -204,7 +204,7 @@ def _best_methods(summary: Summary) -> Best | None:
     if len(rows) < 2:
         return None
 
-    def lowest_rows(of: Callable[[Row], float], among: Sequence[Row]) -> list[Row]:
+    def lowest_rows(of: Callable[[MethodRow], float], among: Sequence[MethodRow]) -> list[MethodRow]:
         known = [r for r in among if not math.isnan(of(r))]
         return [r for r in known if of(r) == min(map(of, known))]
 

@@ -10,7 +10,7 @@ from typing import Literal
 
 from grasptrack_bench.charts import format_number, format_percent
 from grasptrack_bench.charts.markup import format_fixed
-from grasptrack_bench.metrics.summary import Row, summarise_run
+from grasptrack_bench.metrics.summary import MethodRow, summarise_run
 from grasptrack_bench.report.glossary import TERMS, Term
 from grasptrack_bench.report.pages import Cell, CellLike, Column, Line, PageTable, Tone
 from grasptrack_bench.run_folder import read_run
@@ -57,7 +57,7 @@ def measure_column(key: str) -> Column:
 
 
 def measures_table(
-    rows: Sequence[Row], which: Literal["answers", "errors"], first: str, by_method: bool = True
+    rows: Sequence[MethodRow], which: Literal["answers", "errors"], first: str, by_method: bool = True
 ) -> PageTable:
     """A line for each row with some measures; the best value of a column is set in weight where methods compete.
 
@@ -82,7 +82,7 @@ def measures_table(
 
 
 def heat_table(
-    rows: Iterable[Row],
+    rows: Iterable[MethodRow],
     key: str,
     methods: Sequence[str],
     levels: Sequence[str],
@@ -115,7 +115,7 @@ def heat_table(
     return PageTable(columns, lines)
 
 
-def value_of(row: Row, key: str) -> float | int:
+def value_of(row: MethodRow, key: str) -> float | int:
     """A measure of a row by its name."""
     value: float | int = getattr(row if key in ("located", "risk_area") else row.measures, key)
     return value
@@ -161,7 +161,7 @@ def _best_value(key: str, values: Sequence[float]) -> float:
     return max(known) if TERMS[key].better == "more" else min(known)
 
 
-def _row_cells(row: Row) -> list[str]:
+def _row_cells(row: MethodRow) -> list[str]:
     m = row.measures
     return [
         _format_percent(m.located_whole),
@@ -174,7 +174,7 @@ def _row_cells(row: Row) -> list[str]:
     ]
 
 
-def _of_video(row: Row) -> list[str]:
+def _of_video(row: MethodRow) -> list[str]:
     m = row.measures
     return [
         row.level,

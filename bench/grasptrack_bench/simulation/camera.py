@@ -15,7 +15,7 @@ from grasptrack.typing import Floats, Floats32
 
 
 @dataclass(frozen=True)
-class Camera:
+class Pinhole:
     """Intrinsics of a pinhole camera, with or without Brown's radial lens distortion.
 
     A point at radius r from the axis, in units of the focal length, is seen at r (1 + k1 r^2 + k2 r^4). Negative k1 is a
@@ -25,6 +25,7 @@ class Camera:
         width, height: px.
         focal: px; None takes 1.1 times the width, a field of view of 49 degrees.
         k1, k2: of the distortion.
+        aspect: width of a pixel as a share of its height; `focal` counts in pixel heights.
 
     Raises:
         InputError: the distortion turns back within the image.
@@ -35,10 +36,11 @@ class Camera:
     focal: float | None = None
     k1: float = 0.0
     k2: float = 0.0
+    aspect: float = 1.0
 
     def __post_init__(self) -> None:
-        f = float(self.matrix[0, 0])
-        corner = 0.5 * math.hypot(self.width, self.height) / f
+        f = float(self.matrix[1, 1])
+        corner = 0.5 * math.hypot(self.width * self.aspect, self.height) / f
         fold = self._fold_radius
         if fold < math.inf and self._distorted_radius(np.array([fold]))[0] < corner:
             raise InputError(
@@ -51,7 +53,9 @@ class Camera:
     def matrix(self) -> Floats:
         """(3, 3) K; pixel centres lie at integer coordinates."""
         f = 1.1 * self.width if self.focal is None else self.focal
-        return np.array([[f, 0.0, (self.width - 1) / 2.0], [0.0, f, (self.height - 1) / 2.0], [0.0, 0.0, 1.0]])
+        return np.array(
+            [[f / self.aspect, 0.0, (self.width - 1) / 2.0], [0.0, f, (self.height - 1) / 2.0], [0.0, 0.0, 1.0]]
+        )
 
     @property
     def distorted(self) -> bool:
@@ -70,9 +74,10 @@ class Camera:
         if not self.distorted:
             return points
         K = self.matrix
-        rays = (points - K[:2, 2]) / K[0, 0]
+        focal = np.diagonal(K)[:2]
+        rays = (points - K[:2, 2]) / focal
         r = np.maximum(np.hypot(rays[..., 0], rays[..., 1]), 1e-300)
-        return np.asarray(rays * (radius(r) / r)[..., None] * K[0, 0] + K[:2, 2], dtype=np.float64)
+        return np.asarray(rays * (radius(r) / r)[..., None] * focal + K[:2, 2], dtype=np.float64)
 
     @property
     def _fold_radius(self) -> float:
@@ -132,7 +137,7 @@ class RollingShutter:
         share = (u - k)[:, None, None]
         return np.asarray((1.0 - share) * self.homographies[k] + share * self.homographies[k + 1], dtype=np.float64)
 
-    def project(self, points: Floats, camera: Camera) -> Floats:
+    def project(self, points: Floats, camera: Pinhole) -> Floats:
         """(N, 2) px of the image, of points (N, 2) of the plane: each where it is when its own row is exposed."""
         plane = np.column_stack([points, np.ones(len(points))])
         rows = np.full(len(points), 0.5 * (self.height - 1))
@@ -146,7 +151,7 @@ class RollingShutter:
                 break
         return seen
 
-    def back(self, points: Floats, camera: Camera) -> Floats:
+    def back(self, points: Floats, camera: Pinhole) -> Floats:
         """(N, 2) of the plane, of points (N, 2) px of the image: the inverse of `project`, in one step."""
         ideal = np.column_stack([camera.undistort(points), np.ones(len(points))])
         plane = np.linalg.solve(self.at(points[:, 1]), ideal[:, :, None])[:, :, 0]

@@ -15,7 +15,7 @@ import numpy as np
 from grasptrack.errors import ContourError
 from grasptrack.typing import Floats
 from grasptrack_bench.simulation.outlines import Shape, inside_polygons
-from grasptrack_bench.simulation.textures import Texture, blank_texture
+from grasptrack_bench.simulation.textures import TextureMap, blank_texture
 
 SYMMETRIC = 0.04
 """sqrt(area); an outline that comes this near to its own mirror image has none that could be told from it."""
@@ -199,7 +199,7 @@ class Distractor:
     """
 
     shape: Shape
-    surface: Texture | None = None
+    surface: TextureMap | None = None
     turn: float = 0.0
     shift: tuple[float, float] = (0.0, 0.0)
     away: tuple[float, float] = (0.0, 0.0)
@@ -263,7 +263,7 @@ class Room:
         return float(distances[met - 1] * way[0]), float(distances[met - 1] * way[1])
 
 
-class Placed(NamedTuple):
+class PlacedPart(NamedTuple):
     """A part that found a place: its number among those that were to lie there, its turn in rad, then its shift."""
 
     number: int
@@ -278,7 +278,7 @@ def place_beside(
     *,
     gaps: Sequence[tuple[float, float]],
     fits: Callable[[Shape], bool],
-) -> list[Placed]:
+) -> list[PlacedPart]:
     """Places for parts beside an object, none of which touches another.
 
     Args:
@@ -291,7 +291,7 @@ def place_beside(
     Returns:
         Those for which a place was found.
     """
-    placed: list[Placed] = []
+    placed: list[PlacedPart] = []
     lying = [part]
     for number, shape in enumerate(shapes):
         room = Room(lying)
@@ -300,7 +300,7 @@ def place_beside(
             shift = room.pushed_up(shape.moved(turn), direction, float(rng.uniform(*gaps[number])))
             if shift is None or not fits(shape.moved(turn, shift)):
                 continue
-            placed.append(Placed(number, turn, shift))
+            placed.append(PlacedPart(number, turn, shift))
             lying.append(shape.moved(turn, shift))
             break
     return placed

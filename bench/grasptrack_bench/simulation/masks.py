@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from grasptrack.errors import ContourError, InputError
 from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.simulation.outlines import Shape, area_and_centroid, polygon_moments, trace_isolines
-from grasptrack_bench.simulation.textures import Texture
+from grasptrack_bench.simulation.textures import TextureMap
 
 SOFT = 1.4
 """px, of the blur that turns the stairs of a mask into a slope; corners are rounded by about as much."""
@@ -90,7 +90,7 @@ AROUND = 24
 """px that the surface goes on beyond the mask."""
 
 
-def part_of_photo(image: Pixels, mask: ArrayLike, name: str = "photo") -> tuple[Shape, Texture]:
+def part_of_photo(image: Pixels, mask: ArrayLike, name: str = "photo") -> tuple[Shape, TextureMap]:
     """The part that a mask shows in a photo, and its surface in the part's own units.
 
     The colours a little inside the mask are carried outward over its rim and beyond, so that nothing of the photo's
@@ -123,7 +123,7 @@ def part_of_photo(image: Pixels, mask: ArrayLike, name: str = "photo") -> tuple[
     surface = carried_outward(picture[window], plane[window] != 0)
     size = high - low
     middle = (low + 0.5 * (size - 1) - centre) / unit
-    texture = Texture(surface, 0.5 * float(size[0]) / unit, (float(middle[0]), float(middle[1])))
+    texture = TextureMap(surface, 0.5 * float(size[0]) / unit, (float(middle[0]), float(middle[1])))
     return Shape.of(name, rings[0], rings[1:]), texture
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from grasptrack.errors import ConditioningError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.typing import Floats
-from grasptrack_bench.simulation.camera import Camera
+from grasptrack_bench.simulation.camera import Pinhole
 from grasptrack_bench.simulation.outlines import Shape, inside_polygons, trace_isolines
 from grasptrack_bench.simulation.textures import Colour
 
@@ -30,7 +30,7 @@ class Cover(Protocol):
     def relief(self) -> float:
         """How much darker its rim is than its middle, 0 to 1: 0 is flat."""
 
-    def polygon(self, index: int, H: Floats, camera: Camera) -> Floats | None:
+    def polygon(self, index: int, H: Floats, camera: Pinhole) -> Floats | None:
         """(N, 2) px of the image where it is in a frame; None where it is not in view.
 
         Args:
@@ -58,7 +58,7 @@ class Bar:
     colour: Colour = (120, 128, 131)
     relief: float = 0.0
 
-    def polygon(self, index: int, H: Floats, camera: Camera) -> Floats | None:
+    def polygon(self, index: int, H: Floats, camera: Pinhole) -> Floats | None:
         """(4, 2) px where it is in a frame; None before `start` and after `end`."""
         if not self.start <= index <= self.end:
             return None
@@ -106,7 +106,7 @@ class Laid:
         u = (index - leaves) / (gone - leaves)
         return -u if self.leave == "on" else _smooth_step(u)
 
-    def polygon(self, index: int, H: Floats, camera: Camera) -> Floats | None:
+    def polygon(self, index: int, H: Floats, camera: Pinhole) -> Floats | None:
         """(N, 2) px where it is in a frame; None where it is not in view."""
         share = self.offset(index)
         if share is None:
@@ -142,13 +142,13 @@ class Drifting:
             ring = ring @ np.array([[c, s], [-s, c]])
         return np.asarray(ring + self.way[index], dtype=np.float64)
 
-    def polygon(self, index: int, H: Floats, camera: Camera) -> Floats | None:
+    def polygon(self, index: int, H: Floats, camera: Pinhole) -> Floats | None:
         """(N, 2) px where it is in a frame; None where it is not in view, or reaches behind the camera."""
         ring = self.placed(index)
         return None if ring is None else _in_view(ring, H, camera)
 
 
-def _in_view(ring: Floats, H: Floats, camera: Camera) -> Floats | None:
+def _in_view(ring: Floats, H: Floats, camera: Pinhole) -> Floats | None:
     """(N, 2) px of a ring in the part's plane; None where it is not in the image, or reaches behind the camera."""
     try:
         seen = camera.distort(apply_homography(H, ring))

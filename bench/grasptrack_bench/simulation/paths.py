@@ -6,12 +6,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.geometry.homographies import apply_homography, rotation_about_z
 from grasptrack.typing import Floats
-from grasptrack_bench.simulation.camera import Camera
+from grasptrack_bench.simulation.camera import Pinhole
 from grasptrack_bench.simulation.outlines import Shape
 
 
@@ -45,11 +46,11 @@ class Path:
         """The path of one frame that stays at that pose."""
         return self[index : index + 1]
 
-    def table_to_image(self, camera: Camera, height: float = 0.0) -> Floats:
+    def table_to_image(self, camera: Pinhole, height: float = 0.0) -> Floats:
         """(F, 3, 3) homographies from table coordinates to ideal pixels, the last element of each 1.
 
         Args:
-            camera: its intrinsics; distortion comes after, by `Camera.distort`.
+            camera: its intrinsics; distortion comes after, by `Pinhole.distort`.
             height: table units above the table of the plane that is seen.
         """
         homographies = np.empty((len(self), 3, 3))
@@ -61,6 +62,11 @@ class Path:
             H = camera.matrix @ np.column_stack([rotation[:, :2], shift])
             homographies[i] = H / H[2, 2]
         return homographies
+
+    def eye(self) -> Floats:
+        """(F, 3) table units: where the camera's centre is, the last of them its height above the table."""
+        axis = np.array([_about_axis(a, t)[2] for a, t in zip(self.azimuth, self.tilt, strict=True)])
+        return np.column_stack([self.target - self.distance[:, None] * axis[:, :2], self.distance * axis[:, 2]])
 
     def between(self, index: int, offsets: ArrayLike) -> Path:
         """The poses at `index` + offsets (K,) frames, on the cubic through the four poses around; 0 is the pose itself."""
@@ -159,6 +165,8 @@ def tilting_path(
     )
 
 
+MOST_MOVED = np.array([0.8, 0.8, 0.4, 0.8, 0.4, 0.4])
+"""How far a free hand goes to each side: two shifts in table units, distance by its logarithm, roll and two leans in rad."""
 MARGIN = 10.0
 """px between a part that is to stay in view and the border."""
 
@@ -168,7 +176,7 @@ def bounded_path(
     frames: int,
     seed: int,
     *,
-    camera: Camera,
+    camera: Pinhole,
     size: float = 175.0,
     start: float = 0.0,
     tilt: float = 0.0,
@@ -217,7 +225,7 @@ def at_rest(path: Path) -> Path:
     return Path(*(np.repeat(getattr(path, field.name)[:1], len(path), axis=0) for field in fields(path)))
 
 
-def add_hand_tremor(shape: Shape, path: Path, camera: Camera, *, speed: float, seed: int) -> Path:
+def add_hand_tremor(shape: Shape, path: Path, camera: Pinhole, *, speed: float, seed: int) -> Path:
     """The same path with the tremor of a hand: irregular, its direction another every few frames, from rest on.
 
     Args:
@@ -236,10 +244,48 @@ def add_hand_tremor(shape: Shape, path: Path, camera: Camera, *, speed: float, s
     most = float(np.hypot(*np.diff(tremor[:, :2], axis=0).T).max(initial=0.0))
     units = speed / float(camera.matrix[0, 0]) * path.distance / max(most, 1e-12)
     moved = replace(path, target=path.target + units[:, None] * tremor[:, :2], roll=path.roll + 0.012 * tremor[:, 2])
-    return _kept_in_view(shape, moved, camera, 1.02)
+    return kept_in_view(shape, moved, camera, 1.02)
 
 
-def from_aside(shape: Shape, path: Path, camera: Camera, *, lean: float, seed: int) -> Path:
+def hand_held(shape: Shape, path: Path, camera: Pinhole, *, speed: float, tail: float, seed: int) -> Path:
+    """The same path in a free hand: a walk in all six degrees of freedom whose speed changes as much as hands' does.
+
+    Args:
+        shape: the part; the camera keeps so far away that it stays in view.
+        path: without the hand; its first pose stays.
+        camera: whose image the part stays in.
+        speed: px a frame, median over the frames of the part's fastest corner.
+        tail: the speed that one frame in twenty exceeds, in medians.
+        seed: of the hand.
+    """
+    rng, frames = np.random.default_rng((seed, 73)), len(path)
+    steps, pace = np.zeros((frames, 6)), np.zeros(frames)
+    for i in range(1, frames):  # the pace is a slow log-normal, the direction another after some frames
+        pace[i] = 0.85 * pace[i - 1] + math.sqrt(1.0 - 0.85**2) * rng.standard_normal()
+        steps[i] = 0.55 * steps[i - 1] + rng.standard_normal(6)
+    # What each degree of freedom is in the image: shifts, distance, roll, and leaning by some degrees.
+    steps *= np.exp(math.log(tail) / 1.645 * pace)[:, None] * np.array([1.0, 1.0, 0.25, 0.25, 0.3, 0.3])
+    walk = np.zeros((frames, 6))
+    for i in range(1, frames):
+        walk[i] = 0.85 * walk[i - 1] + steps[i]
+    corners, gain = np.asarray(cv2.boxPoints(cv2.minAreaRect(shape.outer.astype(np.float32))), np.float64), 1e-3
+    held = path
+    for _ in range(8):
+        shift = MOST_MOVED * np.tanh(gain * walk / MOST_MOVED)
+        target, distance, roll = (
+            path.target + shift[:, :2],
+            path.distance * np.exp(shift[:, 2]),
+            path.roll + shift[:, 3],
+        )
+        lean, azimuth = np.hypot(shift[:, 4], shift[:, 5]), np.arctan2(shift[:, 5], shift[:, 4])
+        held = kept_in_view(shape, Path(target, distance, roll, lean, azimuth), camera, 1.03)
+        seen = apply_all(held.table_to_image(camera), corners)
+        fastest = np.hypot(*np.moveaxis(np.diff(seen, axis=0), 2, 0)).max(axis=1) if frames > 1 else np.ones(1)
+        gain *= speed / max(float(np.median(fastest)), 1e-9)
+    return held
+
+
+def from_aside(shape: Shape, path: Path, camera: Pinhole, *, lean: float, seed: int) -> Path:
     """A frontal path that begins aside: the camera leans at first, and comes over the part in four fifths of the time.
 
     Args:
@@ -252,7 +298,7 @@ def from_aside(shape: Shape, path: Path, camera: Camera, *, lean: float, seed: i
     u = np.clip(np.arange(len(path)) / max(1.0, 0.8 * (len(path) - 1)), 0.0, 1.0)
     azimuth = np.random.default_rng((seed, 72)).uniform(0.0, 2.0 * math.pi)
     leaning = replace(path, tilt=lean * 0.5 * (1.0 + np.cos(math.pi * u)), azimuth=np.full(len(path), azimuth))
-    return _kept_in_view(shape, leaning, camera, 1.03)
+    return kept_in_view(shape, leaning, camera, 1.03)
 
 
 def add_camera_retreat(path: Path, *, factor: float, shift: tuple[float, float], times: tuple[float, float]) -> Path:
@@ -275,19 +321,19 @@ def apply_all(homographies: Floats, points: Floats) -> Floats:
     return np.array([apply_homography(H, points) for H in homographies])
 
 
-def _project_outline(shape: Shape, path: Path, camera: Camera, count: int) -> Floats:
+def _project_outline(shape: Shape, path: Path, camera: Pinhole, count: int) -> Floats:
     """(F, count, 2) px of points of the outline, every other frame."""
     return camera.distort(apply_all(path[::2].table_to_image(camera), shape.samples(count)))
 
 
-def in_view(shape: Shape, path: Path, camera: Camera) -> bool:
+def in_view(shape: Shape, path: Path, camera: Pinhole) -> bool:
     """Whether the whole part stays in the image, MARGIN px from its border, in all frames."""
     points = _project_outline(shape, path, camera, 60)
     limit = np.array([camera.width - 1, camera.height - 1]) - MARGIN
     return bool(np.all((points >= MARGIN) & (points <= limit)))
 
 
-def _kept_in_view(shape: Shape, path: Path, camera: Camera, farther: float) -> Path:
+def kept_in_view(shape: Shape, path: Path, camera: Pinhole, farther: float) -> Path:
     """The path from as many times `farther` as keeps the part in view."""
     for _ in range(60):
         if in_view(shape, path, camera):
@@ -299,7 +345,7 @@ def _kept_in_view(shape: Shape, path: Path, camera: Camera, farther: float) -> P
 def drift_out_of_view(
     shape: Shape,
     path: Path,
-    camera: Camera,
+    camera: Pinhole,
     *,
     direction: float,
     share: float,

@@ -10,118 +10,21 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.typing import Floats, Floats32
-from grasptrack_bench.simulation.camera import KNOTS, Camera, RollingShutter
+from grasptrack.typing import Floats, Floats32, Ints, Pixels
+from grasptrack_bench.simulation.camera import KNOTS, Pinhole, RollingShutter
+from grasptrack_bench.simulation.codec import Codec, coded_image
 from grasptrack_bench.simulation.conditions import Conditions
+from grasptrack_bench.simulation.frame import Hinge, SceneFrame
+from grasptrack_bench.simulation.layers import Instant, Overlay
 from grasptrack_bench.simulation.lookalikes import Distractor
 from grasptrack_bench.simulation.occluders import Cover
-from grasptrack_bench.simulation.outlines import Shape, inside_polygons, polygon_moments
+from grasptrack_bench.simulation.outlines import Shape
 from grasptrack_bench.simulation.paths import Path
-from grasptrack_bench.simulation.render import Projection, Renderer
+from grasptrack_bench.simulation.render import Box, Projection, Renderer
 from grasptrack_bench.simulation.shapes import l_bracket
-from grasptrack_bench.simulation.textures import Texture, brushed_texture, wood_texture
-
-PINHOLE = Camera()
-STEP = 1.0
-"""px between the points at which an outline is asked whether it is seen."""
-
-
-@dataclass(frozen=True)
-class SceneFrame:
-    """One image and what is true of it.
-
-    Attributes:
-        index: from 0.
-        time: s.
-        image: (height, width) or (height, width, 3) 8 bit.
-        name: for messages.
-        H_current_reference: (3, 3) pixels of frame 0 to pixels of this frame, of the plane in which the contacts lie;
-            exact. Where the lens distorts, pixels of the ideal image; where rows are exposed one after another, at the
-            time of the middle row: see `carry`.
-        outline: polygons in px of the image, outer first, where the tracked object is, seen or not. Empty when it is
-            not on the table.
-        covers: polygons in px of the image of what hides the part: what lies in front, and saturated glare.
-        present: the tracked object itself is on the table; not while it is exchanged for another or taken away.
-        camera: its intrinsics, with the lens.
-        shutters: of a rolling shutter, from the plane of the contacts to frame 0 and to this frame; None where all rows
-            are exposed at once.
-    """
-
-    index: int
-    time: float | None
-    image: NDArray[np.uint8]
-    name: str
-    H_current_reference: Floats
-    outline: tuple[Floats, ...]
-    covers: tuple[Floats, ...] = ()
-    present: bool = True
-    camera: Camera = PINHOLE
-    shutters: tuple[RollingShutter, RollingShutter] | None = None
-
-    def carry(self, points: ArrayLike) -> Floats:
-        """(k, 2) px of this frame, of points (k, 2) px of frame 0 in the plane of the contacts; exact.
-
-        Under a rolling shutter both are where the image shows the point: at the time of its own row.
-        """
-        if self.shutters is not None:
-            return self._map_rolling_points(*self.shutters, points)
-        return self._map_points(self.H_current_reference, points)
-
-    def back(self, points: ArrayLike) -> Floats:
-        """(k, 2) px of frame 0, of points (k, 2) px of this frame: the inverse of `carry`."""
-        if self.shutters is not None:
-            return self._map_rolling_points(*self.shutters[::-1], points)
-        return self._map_points(np.asarray(np.linalg.inv(self.H_current_reference), dtype=np.float64), points)
-
-    def contacts(self, reference: ArrayLike) -> Floats:
-        """(k, 2) where contacts (k, 2) of frame 0 truly are in this frame."""
-        return self.carry(reference)
-
-    def _map_points(self, H: Floats, points: ArrayLike) -> Floats:
-        if not self.camera.distorted:
-            return apply_homography(H, points)
-        return self.camera.distort(apply_homography(H, self.camera.undistort(points)))
-
-    def _map_rolling_points(self, seen: RollingShutter, shown: RollingShutter, points: ArrayLike) -> Floats:
-        px = np.asarray(points, dtype=np.float64).reshape(-1, 2)
-        return shown.project(seen.back(px, self.camera), self.camera)
-
-    def visible(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """(k,) which points (k, 2) px of this frame can be seen: in the image, not covered, and the object present."""
-        pts = np.asarray(points, dtype=np.float64).reshape(-1, 2)
-        height, width = self.image.shape[:2]
-        seen = np.all((pts >= 0.0) & (pts <= np.array([width - 1, height - 1])), axis=1)
-        for cover in self.covers:
-            seen &= ~inside_polygons([cover], pts)
-        return np.asarray(seen & self.present, dtype=np.bool_)
-
-    @property
-    def outline_visible(self) -> float:
-        """Share of the outline's length that is in view and uncovered, 0 to 1; 0 when the object is not present."""
-        if not self.present or not self.outline:
-            return 0.0
-        points, weights = sample_outline(self.outline, STEP)
-        return float(weights[self.visible(points)].sum() / weights.sum())
-
-    @property
-    def area(self) -> float:
-        """Area of the object's image in px^2, holes subtracted; 0 when it is not present."""
-        return float(sum(polygon_moments(polygon)[0] for polygon in self.outline))
-
-
-def sample_outline(polygons: Sequence[Floats], step: float) -> tuple[Floats, Floats]:
-    """Points (N, 2) along all sides of polygons, at most `step` apart, and the length (N,) that each stands for."""
-    starts = np.concatenate(polygons)
-    sides = np.concatenate([np.roll(p, -1, axis=0) - p for p in polygons])
-    lengths = np.hypot(sides[:, 0], sides[:, 1])
-    count = np.maximum(1, np.ceil(lengths / step)).astype(np.int64)
-    side = np.repeat(np.arange(len(count)), count)
-    share = (np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[side]
-    return starts[side] + share[:, None] * sides[side], lengths[side] / count[side]
-
+from grasptrack_bench.simulation.textures import TextureMap, brushed_texture, wood_texture
 
 RIPPLE = 1.4
 """Blurs between two sub-exposures at most: farther apart they would be seen one by one."""
@@ -141,7 +44,7 @@ class Guest:
     start: int
     end: int
     shape: Shape | None
-    surface: Texture | None = None
+    surface: TextureMap | None = None
 
 
 class Scene:
@@ -158,6 +61,13 @@ class Scene:
         guests: what takes the object's place, and when.
         distractors: what else lies on the table, in the order in which it is drawn, all before the part.
         slide: (2,) table units a frame by which the table moves under the part, as a belt does.
+        layers: what else is drawn, each at its own stage, in their order.
+        moves: (F, 3) how the part lies on the table in each frame, apart from the camera: shift (x, y) in table units,
+            and turn in rad about its origin; None is at rest.
+        hinge: makes two pieces of the part; None is rigid. Not with thickness or a rolling shutter.
+        opacity: of the part, 0 to 1; below 1 the table shines through.
+        relief: (R, C) a print on a thick part's sides, see `coverage:side_faces`.
+        code: the video codec that the images come through last; None is none.
         thickness: table units, of the part; the contacts and the outline are those of its upper face.
         shade: brightness of a thick part's sides, as a share of the mean of its upper face.
         colour: BGR images, else grey ones.
@@ -171,14 +81,20 @@ class Scene:
         shape: Shape,
         path: Path,
         *,
-        camera: Camera | None = None,
-        table: Texture | None = None,
-        surface: Texture | None = None,
+        camera: Pinhole | None = None,
+        table: TextureMap | None = None,
+        surface: TextureMap | None = None,
         conditions: Conditions | None = None,
         covers: Sequence[Cover] = (),
         guests: Sequence[Guest] = (),
         distractors: Sequence[Distractor] = (),
         slide: tuple[float, float] = (0.0, 0.0),
+        layers: Sequence[Overlay] = (),
+        moves: Floats | None = None,
+        hinge: Hinge | None = None,
+        opacity: float = 1.0,
+        relief: Floats32 | None = None,
+        code: Codec | None = None,
         thickness: float = 0.0,
         shade: float = 0.6,
         colour: bool = False,
@@ -188,11 +104,17 @@ class Scene:
     ) -> None:
         self.shape = shape
         self.path = path
-        self.camera = camera if camera is not None else Camera()
+        self.camera = camera if camera is not None else Pinhole()
         self.conditions = conditions if conditions is not None else Conditions()
         self.covers = tuple(covers)
         self.guests = tuple(guests)
         self.distractors = tuple(distractors)
+        self.layers = tuple(layers)
+        self.moves = moves
+        self.hinge = hinge
+        self.opacity = opacity
+        self.relief = relief
+        self.code = code
         self.thickness = thickness
         self.fps = fps
         self.count = len(path)
@@ -202,7 +124,7 @@ class Scene:
         self.slide = np.array(slide, dtype=np.float64)
         self.table = table if table is not None else wood_texture(seed)
         self.surface = surface if surface is not None else brushed_texture(seed)
-        self._plane_to_image = path.table_to_image(self.camera, thickness)
+        self._plane_to_image = path.table_to_image(self.camera, thickness) @ self._place(np.arange(self.count))
         self._image_to_plane = np.linalg.inv(self._plane_to_image[0])
         self._renderer = Renderer(
             shape,
@@ -234,6 +156,16 @@ class Scene:
         made.conditions = replace(self.conditions, **changes)
         return made
 
+    def _place(self, times: Floats | Ints) -> Floats:
+        """(K, 3, 3) from the part's own plane to the table at times (K,) in frames."""
+        made = np.tile(np.eye(3), (len(times), 1, 1))
+        if self.moves is not None:
+            x, y, turn = (np.interp(times, np.arange(len(self.moves)), column) for column in self.moves.T)
+            made[:, 0, 0] = made[:, 1, 1] = np.cos(turn)
+            made[:, 1, 0], made[:, 0, 1] = np.sin(turn), -np.sin(turn)
+            made[:, 0, 2], made[:, 1, 2] = x, y
+        return made
+
     def guest(self, index: int) -> Guest | None:
         """What lies in the object's place in a frame; None when the object does."""
         return next((g for g in self.guests if g.start <= index < g.end), None)
@@ -242,9 +174,35 @@ class Scene:
         """One frame, the same whenever it is asked for."""
         if not 0 <= index < self.count:
             raise IndexError(f"frame {index} of {self.count}")
+        frame = self._taken(index)
+        return (
+            frame if self.code is None else replace(frame, image=coded_image(self.image, self.count, self.code, index))
+        )
+
+    def _outline(self, index: int, H: Projection) -> tuple[Floats, ...]:
+        """Its polygons in px of a frame, each piece where it is."""
+        if self.hinge is None:
+            return self._renderer.project_outline(H)
+        turn, rings = self.hinge.turn(index), []
+        for ring in self.shape.polygons:
+            rings.append(np.where(self.hinge.holds(ring)[:, None], apply_homography(turn, ring), ring))
+        return self._renderer.project_outline(H, Shape(self.shape.name, rings[0], tuple(rings[1:])))
+
+    def _swing(self, index: int) -> tuple[Hinge, Floats, Floats] | None:
+        if self.hinge is None:
+            return None
+        turned = self._plane_to_image[index] @ self.hinge.turn(index)
+        seen = turned @ np.linalg.inv(self.hinge.turn(0)) @ self._image_to_plane
+        return self.hinge, self._image_to_plane, seen / seen[2, 2]
+
+    def image(self, index: int) -> Pixels:
+        """What the camera takes in a frame, before any video codec."""
+        return self._taken(index).image
+
+    def _taken(self, index: int) -> SceneFrame:
         view, rng = self._renderer, np.random.default_rng((self.seed, 17, index))
         H, guest, glare = self._plane_to_image[index], self.guest(index), self.conditions.glare
-        shutter = self._shutter(index)
+        shutter = self._part_shutter(index)
         image = self.exposed_light(index)
         if self.conditions.shadow is not None:
             view.apply_shadow(image, self.conditions.shadow, index)
@@ -258,35 +216,65 @@ class Scene:
             if polygon is not None:
                 view.draw_occluder(image, cover, polygon)
                 covers.append(polygon)
+        now = self._instant(index, self.path.pose(index), 0.0)
+        for layer in self.layers:
+            covers += layer.hides
+            if layer.stage == "lens":
+                layer.draw(image, view, now, None)
         phase = np.random.default_rng((self.seed, 18)).uniform(0.0, 2.0 * math.pi)
         gain = self.conditions.gain(index, self.count, phase)
+        taken = view.expose_image(image, rng, self.conditions, gain=gain)
+        for layer in self.layers:
+            if layer.stage == "file":
+                layer.draw(taken, view, now, None)
         return SceneFrame(
             index=index,
             time=index / self.fps,
-            image=view.expose_image(image, rng, self.conditions, gain=gain),
+            image=taken,
             name=f"{self.name}, frame {index}",
             H_current_reference=self.homography(index),
-            outline=view.project_outline(H if shutter is None else shutter) if guest is None else (),
+            outline=self._outline(index, H if shutter is None else shutter) if guest is None else (),
             covers=tuple(covers),
             present=guest is None,
             camera=self.camera,
-            shutters=None if shutter is None else (self._shutter(0) or shutter, shutter),
+            shutters=None if shutter is None else (self._part_shutter(0) or shutter, shutter),
+            swing=self._swing(index),
         )
 
-    def _shutter(self, index: int, offset: float = 0.0, *, table: bool = False) -> RollingShutter | None:
-        """From the plane of the contacts, or the table, to a frame, `offset` frames later; None without a readout."""
-        readout = self.conditions.readout
-        if readout <= 0.0:
+    def _late(self) -> Floats:
+        """(KNOTS,) frames after the middle row at which the rows of the knots are exposed."""
+        return self.conditions.readout * np.linspace(-0.5, 0.5, KNOTS)
+
+    def _part_shutter(self, index: int, offset: float = 0.0) -> RollingShutter | None:
+        """From the plane of the contacts to a frame, `offset` frames later; None without a readout."""
+        seen = self._shutter(index, offset, self.thickness)
+        return None if seen is None else seen @ self._place(index + offset + self._late())
+
+    def _shutter(self, index: int, offset: float, height: float) -> RollingShutter | None:
+        """From a plane `height` above the table to a frame, `offset` frames later; None without a readout."""
+        if self.conditions.readout <= 0.0:
             return None
-        poses = self.path.between(index, offset + readout * np.linspace(-0.5, 0.5, KNOTS))
-        return RollingShutter(poses.table_to_image(self.camera, 0.0 if table else self.thickness), self.camera.height)
+        poses = self.path.between(index, offset + self._late())
+        return RollingShutter(poses.table_to_image(self.camera, height), self.camera.height)
+
+    def _instant(self, index: int, pose: Path, offset: float) -> Instant:
+        """What layers are told of a pose, `offset` frames after the middle of frame `index`."""
+
+        def plane(height: float) -> Projection:
+            rolling = self._shutter(index, offset, height)
+            return pose.table_to_image(self.camera, height)[0] if rolling is None else rolling
+
+        rolls = self.conditions.readout > 0.0
+        place = self._place(index + offset + self._late()) if rolls else self._place(np.array([index + offset]))[0]
+        return Instant(index, plane, place, plane(self.thickness) @ place, pose.eye()[0])
 
     def exposed_light(self, index: int) -> Floats32:
         """What falls on the sensor while it is exposed: the mean of the images from its beginning to its end."""
         exposure = self.conditions.exposure
         if exposure <= 0.0:
             return self._render_instant(index, self.path.pose(index), 0.0)
-        ends = self.path.between(index, [-0.5 * exposure, 0.5 * exposure]).table_to_image(self.camera)
+        span = np.array([-0.5 * exposure, 0.5 * exposure])
+        ends = self.path.between(index, span).table_to_image(self.camera) @ self._place(index + span)
         start, end = (apply_homography(H, self.shape.outer) for H in ends)
         way = float(np.hypot(*(end - start).T).max())
         count = int(np.clip(math.ceil(way / (RIPPLE * self.conditions.blur)), 1, MAX_EXPOSURES))
@@ -301,27 +289,24 @@ class Scene:
     def _render_instant(self, index: int, pose: Path, offset: float) -> Floats32:
         """Table and part as the camera sees them from a pose, `offset` frames after the middle of frame `index`."""
         view, guest, time = self._renderer, self.guest(index), index + offset
-        table: Projection = pose.table_to_image(self.camera)[0]
-        rolling, slide = self._shutter(index, offset, table=True), self.slide * time
-        if rolling is None:
-            image = view.render_background(table, slide)
-        else:
-            table = rolling
-            late = np.linspace(-0.5, 0.5, KNOTS) * self.conditions.readout
+        now = self._instant(index, pose, offset)
+        table, slide = now.plane(0.0), self.slide * time
+        if isinstance(table, RollingShutter):
             moved = np.tile(np.eye(3), (KNOTS, 1, 1))
-            moved[:, :2, 2] = slide + late[:, None] * self.slide
-            image = view.render_background(rolling @ moved)
+            moved[:, :2, 2] = slide + self._late()[:, None] * self.slide
+            image = view.render_background(table @ moved)
+        else:
+            image = view.render_background(table, slide)
         thick = self.thickness > 0.0
-        plane: Projection = table
-        if thick:
-            raised = self._shutter(index, offset)
-            plane = pose.table_to_image(self.camera, self.thickness)[0] if raised is None else raised
+        for layer in self.layers:
+            if layer.stage == "table":
+                layer.draw(image, view, now, None)
         for item in self.distractors:
             place = item.place(time)
             tall = thick and not item.flat
             view.draw_part(
                 image,
-                (plane if tall else table) @ place,
+                (now.plane(self.thickness) if tall else table) @ place,
                 shape=item.shape,
                 surface=item.surface,
                 foot=table @ place if tall else None,
@@ -329,13 +314,26 @@ class Scene:
             )
         if guest is not None and guest.shape is None:
             return image
+
+        def finish(face: Floats32, box: Box) -> None:
+            for layer in self.layers:
+                if layer.stage == "face":
+                    layer.draw(face, view, now, box)
+
+        options: dict[str, Any] = {"opacity": self.opacity, "finish": finish}
+        if self.hinge is not None:
+            first, second = self.hinge.pieces(2.0 * self.shape.radius())
+            view.draw_part(image, now.part @ self.hinge.turn(time), within=second, **options)
+            options["within"] = first
         view.draw_part(
             image,
-            plane,
+            now.part,
             shape=guest.shape if guest is not None else None,
             surface=guest.surface if guest is not None else None,
-            foot=table if thick else None,
+            foot=table @ now.place if thick else None,
             shade=self._shade,
+            relief=self.relief,
+            **options,
         )
         return image
 
@@ -368,7 +366,7 @@ def bracket_scene(
     return Scene(
         l_bracket(),
         path,
-        camera=Camera(width, height),
+        camera=Pinhole(width, height),
         table=wood_texture(seed),
         surface=brushed_texture(seed, mark="GT-08"),
         conditions=Conditions(blur=0.75 * width / 640, noise=2.0, drift=0.06, vignette=0.14),

@@ -9,13 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from grasptrack.typing import Floats
-from grasptrack_bench.simulation.outlines import (
-    Shape,
-    arc_points,
-    circle_polygon,
-    round_corners,
-    stroke_outline,
-)
+from grasptrack_bench.simulation.outlines import Shape, arc_points, circle_polygon, round_corners, stroke_outline
 
 
 def l_bracket() -> Shape:
@@ -351,43 +345,14 @@ def capped_bottle() -> Shape:
 
 
 SHAPES: dict[str, Callable[[], Shape]] = {
-    "bracket": l_bracket,
-    "spanner": open_end_spanner,
-    "gasket": flange_gasket,
-    "notched-plate": notched_plate,
-    "blob": smooth_blob,
-    "rectangle": rectangular_plate,
-    "disc": full_disc,
-    "square": square_plate,
-    "gear": spur_gear,
-    "hinge": hinge_leaf,
-    "washer": eccentric_washer,
-    "t-plate": t_plate,
-    "cross": greek_cross,
-    "star": five_pointed_star,
-    "arrow": block_arrow,
-    "hex-nut": hex_nut,
-    "strip": ruler_strip,
-    "u-clip": u_clip,
-    "puzzle-piece": puzzle_piece,
-    "hook": crane_hook,
-    "key": door_key,
-    "ring-wrench": ring_wrench,
-    "fork": table_fork,
-    "spoon": table_spoon,
-    "knife": kitchen_knife,
-    "bottle-opener": bottle_opener,
-    "hammer-head": hammer_head,
-    "ellipse": ellipse_shape,
-    "egg": egg_shape,
-    "bean": kidney_bean,
-    "s-blob": s_blob,
-    "crescent": crescent_moon,
-    "leaf": stemmed_leaf,
-    "guitar": guitar_body,
-    "half-disc": half_disc,
-    "slotted-disc": slotted_disc,
-    "pencil": sharpened_pencil,
-    "bottle": capped_bottle,
-}
+    "bracket": l_bracket, "spanner": open_end_spanner, "gasket": flange_gasket, "notched-plate": notched_plate,
+    "blob": smooth_blob, "rectangle": rectangular_plate, "disc": full_disc, "square": square_plate,
+    "gear": spur_gear, "hinge": hinge_leaf, "washer": eccentric_washer, "t-plate": t_plate, "cross": greek_cross,
+    "star": five_pointed_star, "arrow": block_arrow, "hex-nut": hex_nut, "strip": ruler_strip, "u-clip": u_clip,
+    "puzzle-piece": puzzle_piece, "hook": crane_hook, "key": door_key, "ring-wrench": ring_wrench,
+    "fork": table_fork, "spoon": table_spoon, "knife": kitchen_knife, "bottle-opener": bottle_opener,
+    "hammer-head": hammer_head, "ellipse": ellipse_shape, "egg": egg_shape, "bean": kidney_bean, "s-blob": s_blob,
+    "crescent": crescent_moon, "leaf": stemmed_leaf, "guitar": guitar_body, "half-disc": half_disc,
+    "slotted-disc": slotted_disc, "pencil": sharpened_pencil, "bottle": capped_bottle,
+}  # fmt: skip
 """Every shape by its name."""

@@ -11,8 +11,8 @@ from functools import lru_cache
 import numpy as np
 
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack_bench.simulation.camera import Camera
-from grasptrack_bench.simulation.effects import Parts, Setting
+from grasptrack_bench.simulation.camera import Pinhole
+from grasptrack_bench.simulation.effects import EffectSetting, Parts
 from grasptrack_bench.simulation.lookalikes import Distractor, place_beside, scale_shape, sheet_under
 from grasptrack_bench.simulation.occluders import hand_over
 from grasptrack_bench.simulation.outlines import Shape
@@ -20,7 +20,7 @@ from grasptrack_bench.simulation.paths import Path, add_camera_retreat
 from grasptrack_bench.simulation.scene import Guest
 from grasptrack_bench.simulation.shapes import SHAPES
 from grasptrack_bench.simulation.textures import (
-    Texture,
+    TextureMap,
     adjust_grey_level,
     another_surface,
     pebble_texture,
@@ -40,11 +40,11 @@ PATTERNS = 4
 
 
 @lru_cache(maxsize=PATTERNS)
-def _cached_pebble_texture(pattern: int) -> Texture:
+def _cached_pebble_texture(pattern: int) -> TextureMap:
     return pebble_texture(pattern, colour=(128.0, 128.0, 128.0)).grey
 
 
-def gravel_table(s: Setting) -> Parts:
+def gravel_table(s: EffectSetting) -> Parts:
     """Pebbles around the table's own level, as far from it as the part is."""
     made = _cached_pebble_texture(int(s.rng.integers(PATTERNS))).image.astype(np.float32)
     spread = 0.4 * abs(s.level - s.table_level)
@@ -52,10 +52,10 @@ def gravel_table(s: Setting) -> Parts:
     turned = np.rot90(made, int(s.rng.integers(4)))
     relief = (turned - turned.mean()) / turned.std()
     image = np.clip(np.rint(level + spread * relief), 0, 255).astype(np.uint8)
-    return {"path": s.course(), "table": Texture(np.ascontiguousarray(image), 3.0)}
+    return {"path": s.course(), "table": TextureMap(np.ascontiguousarray(image), 3.0)}
 
 
-def paper_sheet(s: Setting) -> Parts:
+def paper_sheet(s: EffectSetting) -> Parts:
     """Half of the sheets go along with the part over the table, the others lie on it."""
     told = [p for p in PAPERS if abs(p - s.level) >= 50.0 and abs(p - s.table_level) >= 30.0]
     level = told[0] if told else max(PAPERS, key=lambda p: abs(p - s.level))
@@ -67,7 +67,7 @@ def paper_sheet(s: Setting) -> Parts:
     return {"path": s.course(speed=3.0), "distractors": (paper,), "slide": slide}
 
 
-def crowded_table(s: Setting) -> Parts:
+def crowded_table(s: EffectSetting) -> Parts:
     """Four to seven other parts, half of them within some px of a neighbour."""
     s = replace(s, size=0.75 * s.size)
     path = s.course(reach=0.25)
@@ -75,7 +75,7 @@ def crowded_table(s: Setting) -> Parts:
     count = int(s.rng.integers(4, 8))
     shapes = [scale_shape(SHAPES[n](), float(s.rng.uniform(0.6, 1.05))) for n in others[:count]]
     gaps = [(0.04, 0.07) if k % 2 == 0 else (0.1, 0.4) for k in range(count)]
-    placed = place_beside(s.shape, shapes, s.rng, gaps=gaps, fits=_in_view(s, path, 0.6))
+    placed = place_beside(s.shape, shapes, s.rng, gaps=gaps, fits=visible_at_first(s, path, 0.6))
     made = []
     for part in placed:
         level = s.level if s.rng.uniform() < 0.5 else 2.0 * s.table_level - s.level
@@ -87,24 +87,24 @@ def crowded_table(s: Setting) -> Parts:
 # --- equal parts ---------------------------------------------------------------------------------
 
 
-def identical_parts(s: Setting) -> Parts:
+def identical_parts(s: EffectSetting) -> Parts:
     """Equal parts, as from the same drawer: outline and surface are those of the object."""
     s = replace(s, size=0.75 * s.size)
     path, count = s.course(reach=0.25), int(s.rng.integers(1, 4))
-    fits = _in_view(s, path, 0.7)
+    fits = visible_at_first(s, path, 0.7)
     placed = place_beside(s.shape, [s.shape] * count, s.rng, gaps=[(0.06, 0.5)] * count, fits=fits)
     made = tuple(Distractor(s.shape, turn=part.turn, shift=part.shift) for part in placed)
     return {"path": path, "distractors": made}
 
 
-def equal_enters(s: Setting) -> Parts:
+def equal_enters(s: EffectSetting) -> Parts:
     """Half of them move in, the others come into view as the camera draws back; a hand lies over the first."""
     s = replace(s, size=0.75 * s.size)
     path = s.course(speed=3.0, reach=0.2)
     angle, turn = (float(v) for v in s.rng.uniform(0.0, 2.0 * math.pi, 2))
     out, there, a, b, c, d = s.at(0.2, 0.5, 0.25, 0.42, 0.62, 0.8)
     if s.rng.uniform() < 0.5:
-        placed = place_beside(s.shape, [s.shape], s.rng, gaps=[(0.06, 0.4)], fits=_in_view(s, path, 0.6))
+        placed = place_beside(s.shape, [s.shape], s.rng, gaps=[(0.06, 0.4)], fits=visible_at_first(s, path, 0.6))
         turn, shift = (
             (placed[0].turn, placed[0].shift) if placed else (turn, _nearest_place_outside(s, path, angle, turn))
         )
@@ -126,9 +126,9 @@ def equal_enters(s: Setting) -> Parts:
     return {"path": path, "distractors": (equal,), "covers": (hand,)}
 
 
-def _in_view(s: Setting, path: Path, share: float) -> Callable[[Shape], bool]:
+def visible_at_first(s: EffectSetting, path: Path, share: float) -> Callable[[Shape], bool]:
     """Whether a part on the table has at least a share of its outline in the first image."""
-    camera = Camera(s.width, s.height)
+    camera = Pinhole(s.width, s.height)
     H, limit = path.table_to_image(camera)[0], np.array([s.width - 1, s.height - 1])
 
     def fits_view(shape: Shape) -> bool:
@@ -138,9 +138,9 @@ def _in_view(s: Setting, path: Path, share: float) -> Callable[[Shape], bool]:
     return fits_view
 
 
-def _nearest_place_outside(s: Setting, path: Path, direction: float, turn: float) -> tuple[float, float]:
+def _nearest_place_outside(s: EffectSetting, path: Path, direction: float, turn: float) -> tuple[float, float]:
     """The nearest place in a direction at which an equal part does not show in the first image."""
-    camera = Camera(s.width, s.height)
+    camera = Pinhole(s.width, s.height)
     H, limit = path.table_to_image(camera)[0], np.array([s.width - 1, s.height - 1])
     for distance in np.arange(0.0, 12.0, 0.05):
         shift = (float(distance * math.cos(direction)), float(distance * math.sin(direction)))
@@ -155,26 +155,26 @@ def _nearest_place_outside(s: Setting, path: Path, direction: float, turn: float
 
 
 @lru_cache(maxsize=4 * PATTERNS)
-def _cached_print_texture(kind: str, pattern: int, level: float) -> Texture:
+def _cached_print_texture(kind: str, pattern: int, level: float) -> TextureMap:
     make, contrast = (printed_texture, 240.0 / level) if kind == "words" else (picture_texture, 1.0)
     return make(pattern, colour=(level, level, level), contrast=contrast).grey
 
 
-def _drawn_print(s: Setting, kind: str, pattern: int) -> Texture:
+def drawn_print(s: EffectSetting, kind: str, pattern: int) -> TextureMap:
     """A print at the part's level; an ink that would be too faint or too strong is kept within the grey levels."""
     return adjust_grey_level(_cached_print_texture(kind, pattern, 80.0 if s.level < 110.0 else 150.0), s.level, s.rng)
 
 
-def printed_part(s: Setting) -> Parts:
+def printed_part(s: EffectSetting) -> Parts:
     """Words, or a picture, on a part that tilts."""
     kind, pattern = str(s.rng.choice(["words", "picture"])), int(s.rng.integers(PATTERNS))
-    return {"path": s.course(tilt=math.radians(28.0)), "surface": _drawn_print(s, kind, pattern)}
+    return {"path": s.course(tilt=math.radians(28.0)), "surface": drawn_print(s, kind, pattern)}
 
 
-def print_exchange(s: Setting) -> Parts:
+def print_exchange(s: EffectSetting) -> Parts:
     """The other print is of the same kind and as light."""
     kind, patterns = str(s.rng.choice(["words", "picture"])), s.rng.permutation(PATTERNS)
-    own, other = (_drawn_print(s, kind, int(k)) for k in patterns[:2])
+    own, other = (drawn_print(s, kind, int(k)) for k in patterns[:2])
     start, end = (round(f) for f in s.at(0.35, 0.65))
     guest = Guest(max(1, start), end, s.shape, other)
     return {"path": s.course(), "surface": own, "guests": (guest,)}

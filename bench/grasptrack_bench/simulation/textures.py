@@ -20,7 +20,7 @@ Colour = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Texture:
+class TextureMap:
     """A picture that lies on the table plane, mirrored at its borders where the view goes beyond it.
 
     Attributes:
@@ -44,19 +44,19 @@ class Texture:
         )
 
     @property
-    def grey(self) -> Texture:
+    def grey(self) -> TextureMap:
         """The same without colour."""
         if self.image.ndim == 2:
             return self
         grey = np.asarray(cv2.cvtColor(self.image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-        return Texture(grey, self.extent, self.middle)
+        return TextureMap(grey, self.extent, self.middle)
 
     @property
-    def coloured(self) -> Texture:
+    def coloured(self) -> TextureMap:
         """The same with three channels."""
         if self.image.ndim == 3:
             return self
-        return Texture(np.asarray(cv2.cvtColor(self.image, cv2.COLOR_GRAY2BGR), np.uint8), self.extent, self.middle)
+        return TextureMap(np.asarray(cv2.cvtColor(self.image, cv2.COLOR_GRAY2BGR), np.uint8), self.extent, self.middle)
 
 
 def noise_field(rng: np.random.Generator, size: int, sx: float, sy: float) -> Floats32:
@@ -75,7 +75,7 @@ def tint_relief(value: Floats32, colour: Colour) -> Pixels:
 
 def _texture_maker(
     stream: int, size: int, extent: float, colour: Colour
-) -> Callable[[Callable[..., Floats32]], Callable[..., Texture]]:
+) -> Callable[[Callable[..., Floats32]], Callable[..., TextureMap]]:
     """Makes of a function that draws a relief around 1 one that makes a texture from a seed.
 
     Args:
@@ -86,11 +86,11 @@ def _texture_maker(
     """
     usual = {"size": size, "extent": extent, "colour": colour, "contrast": 1.0}
 
-    def wrap_relief(relief: Callable[..., Floats32]) -> Callable[..., Texture]:
-        def make_texture(seed: int = 0, **options: Any) -> Texture:
+    def wrap_relief(relief: Callable[..., Floats32]) -> Callable[..., TextureMap]:
+        def make_texture(seed: int = 0, **options: Any) -> TextureMap:
             told = {**usual, **options}
             value = relief(np.random.default_rng((seed, stream)), **told)
-            return Texture(tint_relief(value, told["colour"]), told["extent"])
+            return TextureMap(tint_relief(value, told["colour"]), told["extent"])
 
         make_texture.__name__, make_texture.__doc__ = relief.__name__, relief.__doc__
         return make_texture
@@ -170,7 +170,7 @@ def picture_texture(rng: np.random.Generator, size: int, extent: float, colour: 
     return np.asarray(1.0 + 0.8 * contrast * (relief - relief.mean()), np.float32)
 
 
-SURFACES: dict[str, Callable[..., Texture]] = {
+SURFACES: dict[str, Callable[..., TextureMap]] = {
     "brushed": brushed_texture,
     "blank": blank_texture,
     "printed": printed_texture,
@@ -265,7 +265,7 @@ def stone_texture(rng: np.random.Generator, size: int, extent: float, colour: Co
     return np.asarray(relief, np.float32)
 
 
-TABLES: dict[str, Callable[..., Texture]] = {
+TABLES: dict[str, Callable[..., TextureMap]] = {
     "wood": wood_texture,
     "plain": plain_texture,
     "gravel": gravel_texture,
@@ -283,7 +283,7 @@ LEAST_CONTRAST = 55.0
 
 
 @dataclass(frozen=True)
-class Look:
+class SceneAppearance:
     """What lies there.
 
     Attributes:
@@ -291,13 +291,13 @@ class Look:
         table_level, surface_level: their mean grey levels.
     """
 
-    table: Texture
-    surface: Texture
+    table: TextureMap
+    surface: TextureMap
     table_level: float
     surface_level: float
 
 
-def sample_look(name: str, seed: int) -> Look:
+def sample_look(name: str, seed: int) -> SceneAppearance:
     """A table and a surface of different lightness, either of them the darker one.
 
     Args:
@@ -309,7 +309,7 @@ def sample_look(name: str, seed: int) -> Look:
     low = rng.uniform(32.0, 195.0 - contrast)
     levels = (low, low + contrast) if rng.uniform() < 0.5 else (low + contrast, low)
     table = str(rng.choice(list(TABLES)))
-    return Look(
+    return SceneAppearance(
         table=adjust_grey_level(
             _rotate_or_flip(_table_texture(table, int(rng.integers(PATTERNS))), int(rng.integers(8))), levels[0], rng
         ),
@@ -319,7 +319,7 @@ def sample_look(name: str, seed: int) -> Look:
     )
 
 
-def another_surface(level: float, rng: np.random.Generator) -> Texture:
+def another_surface(level: float, rng: np.random.Generator) -> TextureMap:
     """A surface of some kind at a mean grey level: that of another part of the same make."""
     kind, pattern = str(rng.choice(list(SURFACES))), int(rng.integers(PATTERNS))
     return adjust_grey_level(
@@ -328,24 +328,24 @@ def another_surface(level: float, rng: np.random.Generator) -> Texture:
 
 
 @lru_cache(maxsize=32)
-def _table_texture(kind: str, pattern: int) -> Texture:
+def _table_texture(kind: str, pattern: int) -> TextureMap:
     contrast = 0.6 if kind == "gravel" else 1.0
     return TABLES[kind](pattern, size=1024, colour=(MEAN, MEAN, MEAN), contrast=contrast).grey
 
 
 @lru_cache(maxsize=32)
-def _surface_texture(kind: str, pattern: int, dark: bool) -> Texture:
+def _surface_texture(kind: str, pattern: int, dark: bool) -> TextureMap:
     level = 80.0 if dark else MEAN
     return SURFACES[kind](pattern, colour=(level, level, level)).grey
 
 
-def _rotate_or_flip(texture: Texture, way: int) -> Texture:
+def _rotate_or_flip(texture: TextureMap, way: int) -> TextureMap:
     """One of the eight ways to lay a square picture."""
     image = np.rot90(texture.image, way % 4)
-    return Texture(np.ascontiguousarray(image[:, ::-1] if way >= 4 else image), texture.extent, texture.middle)
+    return TextureMap(np.ascontiguousarray(image[:, ::-1] if way >= 4 else image), texture.extent, texture.middle)
 
 
-def adjust_grey_level(texture: Texture, level: float, rng: np.random.Generator) -> Texture:
+def adjust_grey_level(texture: TextureMap, level: float, rng: np.random.Generator) -> TextureMap:
     """The grey pattern with another mean, faintly tinted: B, G and R differ, their grey is the level."""
     gain = level / float(texture.image.mean())
     tint = 1.0 + rng.uniform(-0.12, 0.12, 2)
@@ -353,4 +353,4 @@ def adjust_grey_level(texture: Texture, level: float, rng: np.random.Generator) 
     planes: list[NDArray[np.uint8]] = [
         np.asarray(cv2.convertScaleAbs(texture.image, alpha=gain * float(f)), dtype=np.uint8) for f in factors
     ]
-    return Texture(np.asarray(cv2.merge(planes), dtype=np.uint8), texture.extent, texture.middle)
+    return TextureMap(np.asarray(cv2.merge(planes), dtype=np.uint8), texture.extent, texture.middle)

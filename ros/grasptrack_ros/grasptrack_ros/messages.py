@@ -52,7 +52,7 @@ def grasp_message(header: Any, result: gt.TrackResult) -> TrackedGrasp:
     m.header, m.status = header, STATUS[result.status]
     m.frame, m.repeated = result.frame, result.repeated
     for name, field in FIELDS.items():
-        setattr(m, field, NAMED[name].value(result))
+        setattr(m, field, NAMED[name].value_of(result))
     m.grasp_id, m.object_sure = result.grasp_id or 0, result.object_sure
     m.contacts = [_contact(result, i) for i in range(0 if result.contacts is None else len(result.contacts))]
     m.has_homography = result.homography is not None

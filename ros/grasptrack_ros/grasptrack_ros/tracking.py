@@ -178,7 +178,7 @@ class ImageTracker:
                 return self._drop("an image with the stamp of the one before")
             self._first = stamp if self._first < 0 else self._first
             self._latest, self._shape = stamp, image.shape
-            own = None if mask is None else self._plain.image(mask, "mask")
+            own = None if mask is None else self._plain.decode_message(mask, "mask")
             result = self._tracker.update(image, time=(stamp - self._first) * 1e-9, mask=own)
         except gt.GraspTrackError as error:
             return self._drop(str(error))
@@ -187,7 +187,7 @@ class ImageTracker:
 
     def _decoded(self, message: Any) -> Any:
         kind = self._raw if hasattr(message, "encoding") else self._compressed
-        return kind.image(message, "image")
+        return kind.decode_message(message, "image")
 
 
 def stamp_ns(stamp: Any) -> int:

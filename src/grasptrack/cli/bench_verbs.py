@@ -8,7 +8,7 @@ from typing import Any
 import typer
 
 from grasptrack.cli import help_groups
-from grasptrack.cli.option_groups import expanded
+from grasptrack.cli.option_groups import with_options
 from grasptrack.errors import InputError, own_pip
 from grasptrack.plugins import load_plugin
 
@@ -52,7 +52,7 @@ def load_verb(name: str) -> Any:
     verbs = found
     if not isinstance(found, typer.Typer):
         verbs = typer.Typer(rich_markup_mode=None, add_completion=False)
-        verbs.command(name, cls=help_groups.GroupedCommand)(expanded(found))
+        verbs.command(name, cls=help_groups.GroupedCommand)(with_options(found))
     command: Any = typer.main.get_command(verbs)
     command.name = name
     command.rich_help_panel, command.short_help = help_groups.MEASURE, SHORT_HELP[name]

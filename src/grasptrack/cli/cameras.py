@@ -19,7 +19,7 @@ def cameras() -> None:
     listings = list_cameras()
     found = [camera for listing in listings for camera in listing.cameras]
     for camera in found:
-        typer.echo(f"{camera.spec:32}  {camera.model}")
+        typer.echo(f"{camera.source_name:32}  {camera.model}")
     if not found:
         typer.echo("no camera is attached")
     for listing in listings:

@@ -33,7 +33,7 @@ EXTRAS = {
 OPENCV = ("opencv-python-headless", "opencv-python", "opencv-contrib-python-headless", "opencv-contrib-python")
 
 
-class Finding(NamedTuple):
+class Remark(NamedTuple):
     """One line.
 
     Attributes:
@@ -67,51 +67,51 @@ def doctor() -> None:
         raise typer.Exit(1)
 
 
-def examine_program() -> Iterator[Finding]:
+def examine_program() -> Iterator[Remark]:
     """The program, Python, and the libraries that it always needs."""
     version = metadata.version("grasptrack")
     try:
         from grasptrack import kernels
 
-        yield Finding("ok", "grasptrack", f"{version}, kernels {kernels.BACKEND}, {kernels.BUILD}")
+        yield Remark("ok", "grasptrack", f"{version}, kernels {kernels.BACKEND}, {kernels.BUILD}")
     except ImportError as error:
-        yield Finding("!!", "grasptrack", f"{version}: {error}")
-    yield Finding("ok", "Python", f"{platform.python_version()}, {sys.executable}")
-    yield Finding("ok", "system", platform.platform())
-    yield from _opencv()
+        yield Remark("!!", "grasptrack", f"{version}: {error}")
+    yield Remark("ok", "Python", f"{platform.python_version()}, {sys.executable}")
+    yield Remark("ok", "system", platform.platform())
+    yield from _examine_opencv()
     for package in ("numpy", "av", "matplotlib"):
         found = version_of(package)
-        yield Finding("ok" if found else "!!", package, found or "not installed")
+        yield Remark("ok" if found else "!!", package, found or "not installed")
 
 
-def _opencv() -> Iterator[Finding]:
+def _examine_opencv() -> Iterator[Remark]:
     built = [f"{name} {version_of(name)}" for name in OPENCV if version_of(name)]
     try:
         from grasptrack.io.results import software_versions
 
         loaded = software_versions()["opencv"]
     except ImportError as error:
-        yield Finding("!!", "OpenCV", f"cannot be loaded: {error}")
+        yield Remark("!!", "OpenCV", f"cannot be loaded: {error}")
         return
     if len(built) > 1:
         remedy = f"uninstall both, then install one: {own_pip()} uninstall {' '.join(b.split()[0] for b in built)}"
-        yield Finding("!!", "OpenCV", f"{' and '.join(built)} overwrite each other; {remedy}")
+        yield Remark("!!", "OpenCV", f"{' and '.join(built)} overwrite each other; {remedy}")
     else:
-        yield Finding("ok", "OpenCV", f"{loaded} ({built[0] if built else 'of the system'})")
+        yield Remark("ok", "OpenCV", f"{loaded} ({built[0] if built else 'of the system'})")
 
 
-def examine_extras() -> Iterator[Finding]:
+def examine_extras() -> Iterator[Remark]:
     """Each extra: what it is for, and what of it is not installed."""
-    needed = requirements()
+    needed = extra_requirements()
     for extra, purpose in EXTRAS.items():
         missing = [r for r in needed.get(extra, []) if not version_of(re.split(r"[<>=!~ \[;]", r)[0])]
         if missing:
-            yield Finding("--", extra, f"{purpose}: {install_hint(extra)} adds {', '.join(missing)}")
+            yield Remark("--", extra, f"{purpose}: {install_hint(extra)} adds {', '.join(missing)}")
         else:
-            yield Finding("ok", extra, purpose)
+            yield Remark("ok", extra, purpose)
 
 
-def examine_cameras() -> Iterator[Finding]:
+def examine_cameras() -> Iterator[Remark]:
     """Video devices, and whether this user may read them."""
     import os
 
@@ -119,13 +119,13 @@ def examine_cameras() -> Iterator[Finding]:
     for node in nodes:
         good = os.access(node, os.R_OK | os.W_OK)
         why = "" if good else ": no permission; add the user to the group video, then log in again"
-        yield Finding("ok" if good else "!!", str(node), f"may {'' if good else 'not '}be opened{why}")
+        yield Remark("ok" if good else "!!", str(node), f"may {'' if good else 'not '}be opened{why}")
     if not nodes:
-        yield Finding("--", "/dev/video*", "no camera of Video4Linux is attached")
-    yield Finding("ok" if shutil.which("v4l2-ctl") else "--", "v4l2-ctl", "sets what --set does not reach (v4l-utils)")
+        yield Remark("--", "/dev/video*", "no camera of Video4Linux is attached")
+    yield Remark("ok" if shutil.which("v4l2-ctl") else "--", "v4l2-ctl", "sets what --set does not reach (v4l-utils)")
 
 
-def requirements() -> dict[str, list[str]]:
+def extra_requirements() -> dict[str, list[str]]:
     """What each extra of this package asks for."""
     found: dict[str, list[str]] = {}
     for line in metadata.requires("grasptrack") or []:

@@ -14,7 +14,7 @@ from grasptrack.cli.option_groups import as_asked, option
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
-    from grasptrack.cli.options import FollowedGrasp, HandSize
+    from grasptrack.cli.options import FollowedGrasp, HandSize, KnownGeometry
     from grasptrack.first_image import FirstImage
     from grasptrack.geometry.cameras import Camera
     from grasptrack.geometry.contours import View
@@ -48,7 +48,7 @@ _OPTIONS = {
 """What messages about a first image begin with, and the options that say it."""
 
 
-class Scene(NamedTuple):
+class UserScene(NamedTuple):
     """An image with what the user said of it, made straight where the camera's lens is known.
 
     Attributes:
@@ -87,8 +87,7 @@ class FirstImageOptions:
         option(OBJECT, "X,Y", "Pixel in the (first) image that is not on the object, in px; may be repeated.", "--not"),
     ] = None
     box: Annotated[
-        str | None,
-        option(OBJECT, "X,Y,W,H", "Rectangle around the object, in px: left, top, width, height.", "--box"),
+        str | None, option(OBJECT, "X,Y,W,H", "Rectangle around the object, in px: left, top, width, height.", "--box")
     ] = None
     outline: Annotated[
         str | None,
@@ -143,7 +142,7 @@ class FirstImageOptions:
         ),
     ] = None
 
-    def asked(self) -> dict[str, Any]:
+    def as_written(self) -> dict[str, Any]:
         """As written, for the record of a run."""
 
         def in_one(pixels: list[str] | None) -> str | None:
@@ -151,7 +150,7 @@ class FirstImageOptions:
 
         return {**as_asked(self), "object": in_one(self.object_at), "not": in_one(self.not_at)}
 
-    def said(self, contacts: Floats | None = None) -> FirstImage:
+    def first_image(self, contacts: Floats | None = None) -> FirstImage:
         """What is said of the object; masks and images are not read yet.
 
         Args:
@@ -190,7 +189,7 @@ class FirstImageOptions:
             empty = only_image(self.background, "--background takes one image").image
         return replace(said, ignore=read_ignored(self.ignore), background=empty)
 
-    def scene(self, name: str, taken: str, contacts: Floats | None = None) -> Scene:
+    def read_scene(self, name: str, taken: str, contacts: Floats | None = None) -> UserScene:
         """An image with all that is said of it.
 
         Args:
@@ -203,7 +202,7 @@ class FirstImageOptions:
         """
         from grasptrack.io.masks import read_mask
 
-        said, calibration = self.said(contacts), load_calibration(self.camera)
+        said, calibration = self.first_image(contacts), load_calibration(self.camera)
         said = self.with_images(said)
         picture = only_image(name, taken).image
         with by_option():
@@ -329,19 +328,19 @@ def only_image(name: str, taken: str) -> Frame:
         return next(iter(source))
 
 
-def straighten(picture: Pixels, said: FirstImage, calibration: Camera | None, mask: Pixels | None = None) -> Scene:
+def straighten(picture: Pixels, said: FirstImage, calibration: Camera | None, mask: Pixels | None = None) -> UserScene:
     """An image and what was said of it, without the lens's distortion where the camera is known."""
     from grasptrack.undistortion import Undistortion
 
     if calibration is None:
-        return Scene(picture, picture, said, mask, None, [])
+        return UserScene(picture, picture, said, mask, None, [])
     lens = Undistortion(calibration, picture.shape[1], picture.shape[0])
-    straight_mask = None if mask is None else lens.mask(mask)
+    straight_mask = None if mask is None else lens.straight_mask(mask)
     notes = scaling_notes(calibration, picture.shape)
-    return Scene(picture, lens.image(picture), said.straight(lens), straight_mask, lens, notes)
+    return UserScene(picture, lens.straight_image(picture), said.without_distortion(lens), straight_mask, lens, notes)
 
 
-def find_outlines(scene: Scene, segmenter: str | None = None) -> tuple[list[View], Sequence[Candidate]]:
+def find_outlines(scene: UserScene, segmenter: str | None = None) -> tuple[list[View], Sequence[Candidate]]:
     """Outlines in an image, none within another, the object that is meant first; and where that is not sure, what it may be.
 
     Raises:
@@ -360,12 +359,11 @@ def find_outlines(scene: Scene, segmenter: str | None = None) -> tuple[list[View
     return views, distinct_candidates(look_for(scene.image, said, regions, scene.mask))
 
 
-def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandSize, length: str | None) -> Settings:
+def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandSize, known: KnownGeometry) -> Settings:
     """How a tracker works that is asked for by these options, whatever the first image shows.
 
     Args:
-        grasp, first, hand: the options.
-        length: of the object, as written.
+        grasp, first, hand, known: the options.
 
     Raises:
         InputError: an option that cannot be read, or two that contradict each other.
@@ -376,12 +374,13 @@ def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandS
 
     return Settings(
         strategy=grasp.strategy,
-        fingers=grasp.count(),
+        fingers=grasp.finger_count(),
         friction=grasp.friction,
         risk=grasp.risk,
         hand=hand.hand_for(grasp),
         camera=load_calibration(first.camera),
-        length=None if length is None else parse_measure(length, "--length").value,
+        length=None if known.length is None else parse_measure(known.length, "--length").value,
+        pixel_aspect=known.pixel_aspect,
         resynthesize=grasp.resynthesize,
         segmenter=segmenter_for(first.segmenter),
     )

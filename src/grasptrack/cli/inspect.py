@@ -32,10 +32,7 @@ def inspect(
     runs: Annotated[
         int,
         option(
-            help_groups.LIMITS,
-            "N",
-            "Number of simulated runs, of 12 images each; more give narrower intervals.",
-            min=1,
+            help_groups.LIMITS, "N", "Number of simulated runs, of 12 images each; more give narrower intervals.", min=1
         ),
     ] = 4,
 ) -> None:
@@ -54,8 +51,8 @@ def inspect(
       grasptrack inspect photo.jpg --grasp "193,308 157,99" --json
       grasptrack inspect photo.jpg --camera camera.yaml
     """
-    count, size = grasp.count(at_most_three=True), hand.hand_for(grasp)
-    scene = first.scene(image, "inspect takes one image", grasp.contacts())
+    count, size = grasp.finger_count(at_most_three=True), hand.hand_for(grasp)
+    scene = first.read_scene(image, "inspect takes one image", grasp.given_contacts())
     lens = scene.lens
 
     from grasptrack.documents import write_json
@@ -68,7 +65,7 @@ def inspect(
     from grasptrack.view.inspect import write_inspection
 
     prepare_folder(output)
-    said = {name: value for name, value in scene.said.arguments().items() if name != "sure"}
+    said = {name: value for name, value in scene.said.tracker_arguments().items() if name != "sure"}
     try:
         found = look(
             scene.image,
@@ -85,7 +82,7 @@ def inspect(
         )
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
-    asked = {**first.asked(), **as_asked(grasp, hand), "fingers": count, "runs": runs}
+    asked = {**first.as_written(), **as_asked(grasp, hand), "fingers": count, "runs": runs}
     data, page = output / "inspect.json", output / "inspect.png"
     write_inspection(page, scene.image, found, title=Path(image).name + (", made straight" if lens is not None else ""))
     found = found if lens is None else as_seen(found, lens)

@@ -32,15 +32,13 @@ def live(
     grasp: options.FollowedGrasp,
     first: first_image.FirstImageOptions,
     hand: options.HandSize,
+    known: options.KnownGeometry,
     images: source_options.SourceOptions,
-    length: options.ObjectLength = None,
     start: Annotated[
-        bool,
-        option(PAGE, None, "Follow the likeliest object of the first image without asking.", "--start"),
+        bool, option(PAGE, None, "Follow the likeliest object of the first image without asking.", "--start")
     ] = False,
     until_end: Annotated[
-        bool,
-        option(PAGE, None, "End where a file ends, instead of waiting for Restart.", "--until-end"),
+        bool, option(PAGE, None, "End where a file ends, instead of waiting for Restart.", "--until-end")
     ] = False,
     host: Annotated[
         str, option(PAGE, "ADDRESS", "Address to serve at; any but this machine's own asks for a token.")
@@ -72,17 +70,16 @@ def live(
     """
     options.one_of("--record-as", record_as, RECORDED_AS)
     asked = {
-        **as_asked(grasp, hand, images),
-        **first.asked(),
-        "length": length,
+        **as_asked(grasp, hand, images, known),
+        **first.as_written(),
         "start": start,
         "record_as": record_as,
     }
-    grasp.count(at_most_three=True)
-    said = first.said(grasp.contacts())
-    settings = first_image.tracker_settings(grasp, first, hand, length)
+    grasp.finger_count(at_most_three=True)
+    said = first.first_image(grasp.given_contacts())
+    settings = first_image.tracker_settings(grasp, first, hand, known)
     try:
-        from grasptrack.live.server import PageServer, bind
+        from grasptrack.live.server import PageServer, bind_socket
     except ImportError as error:
         raise InputError(f"the live page needs {error.name}: {install_hint('live')}") from None
 
@@ -90,10 +87,10 @@ def live(
     from grasptrack.io.sources import open_source
     from grasptrack.live.session import LiveSession
 
-    frames = open_source(source, images.fps, settings=images.settings())
+    frames = open_source(source, images.fps, settings=images.camera_settings())
     said = first.with_images(said)
-    settings.tracker(said)  # what does not go together is told before anything is served
-    listener = bind(host, port)  # before anything in the folder is replaced
+    settings.make_tracker(said)  # what does not go together is told before anything is served
+    listener = bind_socket(host, port)  # before anything in the folder is replaced
     with hold_folder(output), Interruption() as interruption:
         session = LiveSession(
             frames, settings, output, meant=said, at_once=start, options=asked, record_as=f".{record_as}"
@@ -105,7 +102,7 @@ def live(
         begun = False
         try:
             while session.is_running and not (until_end and session.shown.phase in ("ended", "failed")):
-                interruption.check()
+                interruption.raise_if_pressed()
                 shown = session.shown
                 begun = begun or shown.image > 0
                 if shown.phase == "failed" and not begun:  # as of every verb: there is nothing to look at

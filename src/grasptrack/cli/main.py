@@ -21,7 +21,7 @@ from grasptrack.cli.doctor import doctor
 from grasptrack.cli.inspect import inspect
 from grasptrack.cli.live import live
 from grasptrack.cli.models import models
-from grasptrack.cli.option_groups import expanded
+from grasptrack.cli.option_groups import with_options
 from grasptrack.cli.synthesize import synthesize
 from grasptrack.cli.terminal import (
     INTERRUPTED,
@@ -93,7 +93,7 @@ def _global_options(
 
 
 def _add_verb(function: Callable[..., None], group: str, short_help: str) -> None:
-    app.command(cls=help_groups.GroupedCommand, rich_help_panel=group, short_help=short_help)(expanded(function))
+    app.command(cls=help_groups.GroupedCommand, rich_help_panel=group, short_help=short_help)(with_options(function))
 
 
 _add_verb(track, help_groups.TRACK, "Track a grasp through a sequence of images.")

@@ -24,7 +24,7 @@ def option(panel: str, metavar: str | None, text: str, *names: str, **more: Any)
     return typer.Option(..., *names, metavar=metavar, rich_help_panel=panel, help=text, **more)
 
 
-def expanded(verb: Callable[..., None]) -> Callable[..., None]:
+def with_options(verb: Callable[..., None]) -> Callable[..., None]:
     """A verb, each parameter that is a dataclass replaced by those of its fields that are options.
 
     A field without `Annotated` is no option of this verb, and keeps its default.

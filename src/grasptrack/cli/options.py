@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from grasptrack.cli.help_groups import GRASP, HAND, LIMITS, OBJECT, OUTPUT, PROCESSES, SCENE
+from grasptrack.cli.help_groups import GRASP, HAND, LIMITS, OBJECT, OUTPUT, PROCESSES, SCENE, SOURCE
 from grasptrack.cli.option_groups import option
 from grasptrack.errors import GraspError, InputError, StrategyError
 
@@ -58,19 +58,9 @@ def _strategy_choice(name: str) -> str:
 
 
 Friction = Annotated[
-    float,
-    option(GRASP, "MU", "Coulomb friction coefficient between finger and object.", callback=_positive_friction),
+    float, option(GRASP, "MU", "Coulomb friction coefficient between finger and object.", callback=_positive_friction)
 ]
 TwoOrThree = Annotated[int, option(GRASP, "N", "Number of fingers, 2 or 3.", callback=_two_or_three)]
-ObjectLength = Annotated[
-    str | None,
-    option(
-        OBJECT,
-        "L",
-        "Length of the object, the longer side of its smallest enclosing rectangle, in mm, cm, m or in: 120mm.",
-        "--length",
-    ),
-]
 Silhouettes = Annotated[str | None, option(SCENE, "DIR", "Parts from silhouette images, black outside the part.")]
 Seed = Annotated[int, option(SCENE, "N", "Seed of all that is random.", min=0)]
 OUTPUT_FOLDER = Path("grasptrack-out")
@@ -118,7 +108,7 @@ class GivenGrasp:
     resynthesize: bool = False
     risk: Risk = 1e-3
 
-    def contacts(self) -> Floats | None:
+    def given_contacts(self) -> Floats | None:
         """Contacts (k, 2) px, or None.
 
         Raises:
@@ -136,17 +126,17 @@ class GivenGrasp:
             raise GraspError(f"--grasp has {len(contacts)} contacts, but --fingers says {fingers}", fingers=fingers)
         return contacts
 
-    def count(self, *, at_most_three: bool = False) -> int:
+    def finger_count(self, *, at_most_three: bool = False) -> int:
         """The number of fingers.
 
         Args:
             at_most_three: it is 2 or 3 where a grasp is to be chosen.
 
         Raises:
-            GraspError: as of `contacts`.
+            GraspError: as of `given_contacts`.
             InputError: another number.
         """
-        contacts = self.contacts()
+        contacts = self.given_contacts()
         if contacts is not None:
             return len(contacts)
         return _two_or_three(self.fingers or 2) if at_most_three else self.fingers or 2
@@ -157,8 +147,7 @@ class CarriedGrasp(GivenGrasp):
     """The grasp that a strategy is to carry."""
 
     strategy: Annotated[
-        str,
-        option(GRASP, "NAME", "Strategy: auto, rrp, grasp-line or homography.", callback=_strategy_choice),
+        str, option(GRASP, "NAME", "Strategy: auto, rrp, grasp-line or homography.", callback=_strategy_choice)
     ] = "auto"
 
 
@@ -169,6 +158,30 @@ class FollowedGrasp(CarriedGrasp):
     resynthesize: Annotated[
         bool, option(GRASP, None, "Choose a new grasp when the current one is no longer stable.", "--resynthesize")
     ] = False
+
+
+@dataclass(frozen=True)
+class KnownGeometry:
+    """What a person has measured of object and camera."""
+
+    length: Annotated[
+        str | None,
+        option(
+            OBJECT,
+            "L",
+            "Length of the object, the longer side of its smallest enclosing rectangle, in mm, cm, m or in: 120mm.",
+            "--length",
+        ),
+    ] = None
+    pixel_aspect: Annotated[
+        float | None,
+        option(
+            SOURCE,
+            "R",
+            "Ratio of a pixel's width to its height, which in a squeezed image is not 1.",
+            show_default="1 until views tell otherwise",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -192,7 +205,7 @@ class HandSize:
         float | None, option(HAND, "PX_PER_MM", "Image scale, in px per mm, for lengths in mm, cm, m or in.")
     ] = None
 
-    def hand(self) -> Hand:
+    def make_hand(self) -> Hand:
         """The hand; what was not given has the default.
 
         Raises:
@@ -215,14 +228,14 @@ class HandSize:
         """The hand for the grasp of the first image, or None where nothing was said of one.
 
         Raises:
-            InputError: as of `hand`; or contacts are given, and nothing is ever chosen.
+            InputError: as of `make_hand`; or contacts are given, and nothing is ever chosen.
         """
         named = [_option_name(name) for name, text in vars(self).items() if text is not None]
         if not named:
             return None
         if grasp.grasp is not None and not grasp.resynthesize:
             raise InputError(f"{named[0]} is for choosing a grasp, but --grasp gives one: leave out one of them")
-        return self.hand()
+        return self.make_hand()
 
 
 def _option_name(field: str) -> str:

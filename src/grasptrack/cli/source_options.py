@@ -29,7 +29,7 @@ class SourceOptions:
         option(SOURCE, "NAME=VALUE", "Setting of a camera, a stream or a bag; may be repeated.", "--set"),
     ] = None
 
-    def settings(self) -> dict[str, str]:
+    def camera_settings(self) -> dict[str, str]:
         """The settings of --set by name.
 
         Raises:
@@ -77,11 +77,11 @@ class RecordingOptions:
         bool, option(OUTPUT, None, "Write the outline in --jsonl, too.", "--outline-in-jsonl")
     ] = False
 
-    def asked(self) -> dict[str, Any]:
+    def as_written(self) -> dict[str, Any]:
         """As written, for the record of a run."""
         return {"record": self.record, "record_quality": self.record_quality, "jsonl": self.jsonl}
 
-    def open(self, asked: Mapping[str, Any]) -> list[Recording]:
+    def open_recordings(self, asked: Mapping[str, Any]) -> list[Recording]:
         """What the options ask for; recordings keep the options of `asked`.
 
         Raises:

@@ -65,14 +65,14 @@ def synthesize(
       grasptrack synthesize photo.jpg --camera camera.yaml
       grasptrack synthesize photo.jpg --mask mask.png --all --output grasps
     """
-    if all_ and first.said().says_anything:
+    if all_ and first.first_image().says_anything:
         raise InputError(
             "--all takes every object in the image: leave out --object, --not, --box, --outline and --choose"
         )
     if top < 1:
         raise InputError(f"--top is at least 1, not {top}", top=top)
-    size, scale = hand.hand(), hand.scale
-    scene = first.scene(image, "synthesize takes one image")
+    size, scale = hand.make_hand(), hand.scale
+    scene = first.read_scene(image, "synthesize takes one image")
 
     from grasptrack.documents import write_json
     from grasptrack.files import prepare_folder
@@ -89,7 +89,7 @@ def synthesize(
         planned = [_map_to_original(found, scene.lens) for found in planned]
 
     chosen = {"fingers": fingers, "top": top, "friction": friction}
-    asked = {**first.asked(), **chosen, **as_asked(hand), "all": all_}
+    asked = {**first.as_written(), **chosen, **as_asked(hand), "all": all_}
     by_hand = all_ or first.outline is not None or first.mask is not None
     notes = [*note_candidates(candidates, scene.image, output, first.sure, meant=by_hand), *scene.notes]
     data, page = output / "grasps.json", output / "grasps.png"
@@ -121,9 +121,9 @@ def _map_to_original(found: Planned, lens: Undistortion) -> Planned:
     """What was planned in a straight image, in px of the image as it is."""
     from grasptrack.grasp.synthesis import GraspList
 
-    grasps = GraspList([lens.grasp(g) for g in found.grasps], found.grasps.reason, found.grasps.refused)
-    others = [lens.view(view) for view in found.neighbours]
-    return found._replace(outline=lens.view(found.outline), neighbours=others, grasps=grasps)
+    grasps = GraspList([lens.grasp_seen(g) for g in found.grasps], found.grasps.reason, found.grasps.refused)
+    others = [lens.view_seen(view) for view in found.neighbours]
+    return found._replace(outline=lens.view_seen(found.outline), neighbours=others, grasps=grasps)
 
 
 def _why_none(planned: Sequence[Planned]) -> str:

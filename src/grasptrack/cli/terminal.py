@@ -18,7 +18,7 @@ from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from grasptrack.io.run import RunSummary
+    from grasptrack.io.results import RunSummary
     from grasptrack.typing import Progress
 
 
@@ -47,14 +47,14 @@ def signals_as_interrupts() -> Iterator[Struck]:
     """
     struck = Struck()
 
-    def strike(number: int, frame: FrameType | None) -> None:
+    def raise_interrupt(number: int, frame: FrameType | None) -> None:
         struck.now = True
         raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
         yield struck
         return
-    before = {number: signal.signal(number, strike) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, raise_interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield struck
     finally:
@@ -122,7 +122,7 @@ def held_warnings() -> list[str]:
 class Interruption:
     """Ctrl-C or SIGTERM, held back until a frame is finished; a second one strikes at once.
 
-    `check` raises KeyboardInterrupt when it was pressed.
+    `raise_if_pressed` raises KeyboardInterrupt when it was pressed.
     """
 
     def __init__(self) -> None:
@@ -145,7 +145,7 @@ class Interruption:
             raise KeyboardInterrupt
         self._pressed = True
 
-    def check(self) -> None:
+    def raise_if_pressed(self) -> None:
         """Raise KeyboardInterrupt if Ctrl-C was pressed; to be called where nothing is half done."""
         if self._pressed:
             raise KeyboardInterrupt
@@ -204,7 +204,7 @@ class ProgressBar:
         for line in lines:
             self._progress.console.print(line, soft_wrap=True, markup=False, highlight=False)
 
-    def tell(self, step: str, done: int, total: int | None) -> None:
+    def show_progress(self, step: str, done: int, total: int | None) -> None:
         """`done` of `total` frames of a step are ready; a total that turns out too small grows along."""
         if not self._shown:
             return
@@ -329,8 +329,8 @@ def with_progress(output: Path, quiet: bool, work: Callable[[Progress], T], *, a
             with ProgressBar(quiet) as bar:
 
                 def report_progress(step: str, done: int, total: int) -> None:
-                    bar.tell(step, done, total)
-                    interruption.check()
+                    bar.show_progress(step, done, total)
+                    interruption.raise_if_pressed()
 
                 return work(report_progress)
         except KeyboardInterrupt:

@@ -14,14 +14,14 @@ from grasptrack.cli.advice import advice_for
 from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.option_groups import as_asked
 from grasptrack.cli.terminal import Interruption, ProgressBar, RunInterruptedError, show_run
-from grasptrack.cli.verdict import Verdict
+from grasptrack.cli.verdict import BackgroundVerdict
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grasptrack.io.base import Frame
-    from grasptrack.io.run import RunSummary
+    from grasptrack.io.results import RunSummary
     from grasptrack.tracking.result import TrackResult
 
 APART = 4
@@ -42,8 +42,8 @@ def track(
     grasp: options.FollowedGrasp,
     first: first_image.MaskedFrames,
     hand: options.HandSize,
+    known: options.KnownGeometry,
     images: source_options.SourceOptions,
-    length: options.ObjectLength = None,
     output: options.Output = options.OUTPUT_FOLDER / "track",
     recording: source_options.RecordingOptions,
     no_video: options.NoVideo = False,
@@ -82,14 +82,13 @@ def track(
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """
     asked = {
-        **as_asked(grasp, hand, images),
-        **first.asked(),
-        **recording.asked(),
-        "length": length,
+        **as_asked(grasp, hand, images, known),
+        **first.as_written(),
+        **recording.as_written(),
         "video": not no_video,
     }
-    said = first.said(grasp.contacts())
-    tracking = first_image.tracker_settings(grasp, first, hand, length)
+    said = first.first_image(grasp.given_contacts())
+    tracking = first_image.tracker_settings(grasp, first, hand, known)
 
     from grasptrack.io.bags.readers import METADATA
     from grasptrack.io.live import LiveSource
@@ -98,20 +97,20 @@ def track(
     from grasptrack.io.run import run_track
     from grasptrack.io.sources import open_source
 
-    settings = images.settings()
+    settings = images.camera_settings()
     frames = open_source(source, images.fps, settings=settings)
     if first.mask is not None and first.segmenter is not None:
         raise InputError("--masks and --segmenter both say where the object is: give one of them")
     segmentation = None if first.mask is None else open_masks(first.mask, frames)
     more = () if frames.live or frames.kind == "stdin" else _later_images(source, settings)
-    tracker = tracking.tracker(replace(first.with_images(said), more=more))
-    recordings = recording.open(asked)
+    tracker = tracking.make_tracker(replace(first.with_images(said), more=more))
+    recordings = recording.open_recordings(asked)
     quiet = quiet or recording.jsonl == "-"  # the standard output is for the lines
     done, notes, looks = 0, list[str](), list[Any]()
     foretells = not quiet and frames.kind != "image"  # of one image there is no run to foretell
-    with Interruption() as interruption, Verdict() as verdict:
+    with Interruption() as interruption, BackgroundVerdict() as verdict:
         if isinstance(frames, LiveSource):
-            frames.on_wait = interruption.check
+            frames.on_wait = interruption.raise_if_pressed
             frames.catches_up = True
         try:
             with ProgressBar(quiet) as progress:
@@ -129,9 +128,9 @@ def track(
                     done += 1
                     if foretells and result.located and not verdict.is_begun and tracker.first_scene is not None:
                         verdict.begin(tracker.first_scene)
-                    progress.print(verdict.take())
-                    progress.tell("tracking", done, frames.count)
-                    interruption.check()
+                    progress.print(verdict.take_lines())
+                    progress.show_progress("tracking", done, frames.count)
+                    interruption.raise_if_pressed()
 
                 summary = run_track(
                     frames,
@@ -143,7 +142,7 @@ def track(
                     recordings=recordings,
                     on_frame=report_frame,
                 )
-                progress.print(verdict.wait(interruption.check))
+                progress.print(verdict.wait_for_lines(interruption.raise_if_pressed))
         except KeyboardInterrupt:
             raise RunInterruptedError(f'interrupted after {done} frames; what was computed is in "{output}"') from None
     if not summary.grasps:

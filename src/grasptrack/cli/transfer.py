@@ -91,7 +91,7 @@ def transfer(
     from grasptrack.tracking.numbers import NUMBERS
     from grasptrack.tracking.tracker import GraspTracker
 
-    contacts, count = grasp.contacts(), grasp.count()
+    contacts, count = grasp.given_contacts(), grasp.finger_count()
     hidden, calibration = first_image.read_ignored(ignore), first_image.load_calibration(camera)
     pixels = ((object_a, "--object"), (object_b, "--object-b"))
     places = [None if text is None else first_image.parse_point(text, written) for text, written in pixels]
@@ -101,7 +101,7 @@ def transfer(
     one, other = (first_image.straighten(image, said, calibration) for image, said in zip(images, meant, strict=True))
     lens = one.lens
     # The first step of a sequence, so that object and grasp are chosen here as they are there.
-    begun = GraspTracker(fingers=count, friction=grasp.friction, **one.said.arguments())
+    begun = GraspTracker(fingers=count, friction=grasp.friction, **one.said.tracker_arguments())
     chosen = begun.update(one.image)
     if chosen.contacts is None or chosen.view is None:
         raise InputError(f'"{image_a}": {chosen.reason}')
@@ -109,14 +109,7 @@ def transfer(
     focal = None if lens is None else Beforehand.by_calibration(lens.focal, NUMBERS)
     try:
         pair = transfer_between_images(
-            Grasp(chosen.contacts),
-            chosen.view,
-            one.image,
-            other.image,
-            grasp.friction,
-            other.said,
-            grasp.risk,
-            focal,
+            Grasp(chosen.contacts), chosen.view, one.image, other.image, grasp.friction, other.said, grasp.risk, focal
         )
     except TransferError as error:
         refusal = str(error)
@@ -125,8 +118,8 @@ def transfer(
 
     view, at = chosen.view, chosen.contacts
     if lens is not None:
-        view, at = lens.view(view), lens.seen(at)
-    found = _Found.none(refusal) if pair is None else _Found.of(pair, other.lens)
+        view, at = lens.view_seen(view), lens.points_seen(at)
+    found = _Found.all_refused(refusal) if pair is None else _Found.from_pair(pair, other.lens)
     asked = {
         **as_asked(grasp),
         "fingers": count,
@@ -154,7 +147,7 @@ class _Found(NamedTuple):
     ambiguous: str
 
     @classmethod
-    def none(cls, reason: str) -> _Found:
+    def all_refused(cls, reason: str) -> _Found:
         """Every strategy refuses for one reason."""
         from grasptrack.tracking.follower import REGISTRATION
         from grasptrack.tracking.image_pair import Outcome
@@ -164,7 +157,7 @@ class _Found(NamedTuple):
         return cls(None, [Outcome(name, None, None, None, math.nan, reason) for name in names], [], "")
 
     @classmethod
-    def of(cls, pair: Pair, lens: Undistortion | None) -> _Found:
+    def from_pair(cls, pair: Pair, lens: Undistortion | None) -> _Found:
         """Of a pair, in px of the image as it is."""
         ambiguous = ""
         if pair.turns:
@@ -176,9 +169,11 @@ class _Found(NamedTuple):
             ambiguous = "the object fits elsewhere as well"
         if lens is None:
             return cls(pair.current, pair.outcomes, list(pair.places), ambiguous)
-        outcomes = [o if o.contacts is None else o._replace(contacts=lens.seen(o.contacts)) for o in pair.outcomes]
-        places = [p._replace(contacts=lens.seen(p.contacts)) for p in pair.places]
-        return cls(lens.view(pair.current), outcomes, places, ambiguous)
+        outcomes = [
+            o if o.contacts is None else o._replace(contacts=lens.points_seen(o.contacts)) for o in pair.outcomes
+        ]
+        places = [p._replace(contacts=lens.points_seen(p.contacts)) for p in pair.places]
+        return cls(lens.view_seen(pair.current), outcomes, places, ambiguous)
 
 
 def _write_files(

@@ -17,11 +17,11 @@ BEAT = 0.05
 """s between two looks at whether Ctrl-C was pressed."""
 
 
-class _StoppedError(Exception):
+class _UnwantedError(Exception):
     """The verdict is not wanted any more."""
 
 
-class Verdict:
+class BackgroundVerdict:
     """Of one scene; leaving its context ends the thread."""
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class Verdict:
         self._stopped = False
         self._lines: list[str] = []
 
-    def __enter__(self) -> Verdict:
+    def __enter__(self) -> BackgroundVerdict:
         """Nothing is begun yet."""
         return self
 
@@ -46,29 +46,29 @@ class Verdict:
 
     def begin(self, scene: FirstScene) -> None:
         """Judge a scene, in the background."""
-        self._thread = threading.Thread(target=self._judge, args=(scene,), name="grasptrack-verdict", daemon=True)
+        self._thread = threading.Thread(target=self._judge_scene, args=(scene,), name="grasptrack-verdict", daemon=True)
         self._thread.start()
 
-    def take(self) -> list[str]:
+    def take_lines(self) -> list[str]:
         """The lines, once, as soon as they are known."""
         lines: list[str] = []
         if self._thread is not None and not self._thread.is_alive():
             lines, self._lines = self._lines, lines
         return lines
 
-    def wait(self, check: Callable[[], None]) -> list[str]:
+    def wait_for_lines(self, check: Callable[[], None]) -> list[str]:
         """The lines, unless they were taken; `check` is called while it waits."""
         while self._thread is not None and self._thread.is_alive():
             check()
             self._thread.join(BEAT)
-        return self.take()
+        return self.take_lines()
 
-    def _judge(self, scene: FirstScene) -> None:
+    def _judge_scene(self, scene: FirstScene) -> None:
         from grasptrack.trackability import inspect_scene
 
         try:
-            self._lines = verdict_lines(inspect_scene(scene, check=self._check))
-        except _StoppedError:
+            self._lines = verdict_lines(inspect_scene(scene, check=self._raise_if_stopped))
+        except _UnwantedError:
             pass
         except GraspTrackError as error:
             self._lines = [f"how well the object can be tracked is not known: {error}"]
@@ -77,9 +77,9 @@ class Verdict:
                 f"how well the object can be tracked is not known: internal error, {type(error).__name__}: {error}"
             ]
 
-    def _check(self) -> None:
+    def _raise_if_stopped(self) -> None:
         if self._stopped:
-            raise _StoppedError
+            raise _UnwantedError
 
 
 def verdict_lines(found: Suitability) -> list[str]:

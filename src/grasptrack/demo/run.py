@@ -61,7 +61,7 @@ def contact_errors(results: Sequence[TrackResult], frames: Sequence[DemoFrame]) 
     wrong, first = 0, dict[int | None, Floats]()
     for result, truth in zip(results, frames, strict=True):
         if result.contacts is not None and result.grasp_id in first:
-            off = np.hypot(*(result.contacts - truth.contacts(first[result.grasp_id])).T)
+            off = np.hypot(*(result.contacts - truth.true_contacts(first[result.grasp_id])).T)
             distances += off.tolist()
             wrong += bool(off.max() > accept_limit(truth.area))
         elif result.contacts is not None:
@@ -122,7 +122,7 @@ def _track_scene(
 ) -> dict[str, float | int | str]:
     results: list[TrackResult] = []
 
-    def keep(frame: Frame, result: TrackResult) -> None:
+    def keep_result(frame: Frame, result: TrackResult) -> None:
         results.append(result)
         tell(strategy, frame.index + 1, len(frames))
 
@@ -132,7 +132,7 @@ def _track_scene(
         output,
         video=video,
         options={"strategy": strategy, "risk": risk, "scene": "demo", "frames": len(frames)},
-        on_frame=keep,
+        on_frame=keep_result,
     )
     distances, wrong = contact_errors(results, frames)
     median, most, largest = np.percentile(distances or [math.nan], [50, 95, 100]).tolist()

@@ -53,7 +53,7 @@ class DemoFrame:
     H_current_reference: Floats
     outline: Part
 
-    def contacts(self, reference: ArrayLike) -> Floats:
+    def true_contacts(self, reference: ArrayLike) -> Floats:
         """(k, 2) px where contacts (k, 2) px of frame 0 truly are in this frame."""
         return apply_homography(self.H_current_reference, reference)
 
@@ -120,7 +120,7 @@ class DemoScene:
         return DemoFrame(
             index=index,
             time=index / self.fps,
-            image=_photograph(self._drawing, H, self._size, rng, light=light, noise=2.0),
+            image=_take_photograph(self._drawing, H, self._size, rng, light=light, noise=2.0),
             name=f"{self.name}, frame {index}",
             H_current_reference=self.homography(index),
             outline=tuple(apply_homography(H, ring) for ring in self._part),
@@ -145,7 +145,7 @@ def demo_scene(
     u = np.linspace(0.0, 1.0, frames)
     wave = 2.0 * math.pi * u
     lean = np.clip((u - 0.3) / 0.6, 0.0, 1.0)
-    K = _intrinsics(width, height)
+    K = _intrinsic_matrix(width, height)
     target = np.column_stack(
         [0.22 * np.sin(wave), -0.16 * np.sin(2.0 * wave)]
     )  # where the optical axis meets the table
@@ -160,8 +160,8 @@ def demo_scene(
         across = (rotation_about_z(roll[i]) @ leaning)[:, :2]
         shift = np.array([0.0, 0.0, distance[i]]) - across @ target[i]
         table_to_image[i] = normalize_homography(K @ np.column_stack([across, shift]))
-    part, rng = _bracket(), np.random.default_rng((seed, 11))
-    drawing = _draw_parts(_wood(rng), [part], rng, mark="GT-08")
+    part, rng = _make_bracket(), np.random.default_rng((seed, 11))
+    drawing = _draw_parts(_wood_texture(rng), [part], rng, mark="GT-08")
     return DemoScene(part, drawing, table_to_image, width=width, height=height, colour=colour, seed=seed)
 
 
@@ -184,17 +184,17 @@ def still_life(seed: int = 3, *, width: int = 640, height: int = 480) -> Pixels:
         width: px.
         height: px.
     """
-    shapes = {"spanner": _spanner(), "gasket": _gasket(), "disc": _part(_circle(0.0, 0.0, 1.0))}
+    shapes = {"spanner": _make_spanner(), "gasket": _make_gasket(), "disc": _part(_circle(0.0, 0.0, 1.0))}
     shapes["plate"] = _part(np.array([(-0.8, -0.5), (0.8, -0.5), (0.8, 0.5), (-0.8, 0.5)]))
     parts = []
     for name, size, x, y, turn in LIE:
         placed = size * rotation_about_z(turn)[:2, :2].T
         parts.append(tuple(ring @ placed + (x, y) for ring in shapes[name]))
     rng = np.random.default_rng((seed, 12))
-    mottled = 1.0 + 0.012 * _noise(rng, GRAIN, 1.2, 1.2) + 0.02 * _noise(rng, GRAIN, 80.0, 80.0)
-    drawing = _draw_parts(_enlarge(mottled, LAMINATE), parts, rng)
-    H = _intrinsics(width, height) @ np.diag([1.0, 1.0, STILL_DISTANCE])
-    return _photograph(drawing, H, (width, height), rng, light=1.0, noise=1.0)
+    mottled = 1.0 + 0.012 * _smooth_noise(rng, GRAIN, 1.2, 1.2) + 0.02 * _smooth_noise(rng, GRAIN, 80.0, 80.0)
+    drawing = _draw_parts(_enlarge_relief(mottled, LAMINATE), parts, rng)
+    H = _intrinsic_matrix(width, height) @ np.diag([1.0, 1.0, STILL_DISTANCE])
+    return _take_photograph(drawing, H, (width, height), rng, light=1.0, noise=1.0)
 
 
 # --- outlines of parts ---------------------------------------------------------------------------
@@ -229,13 +229,13 @@ def _rounded(corners: Sequence[tuple[float, float]], cuts: Sequence[float]) -> F
     return np.concatenate(rings)
 
 
-def _bracket() -> Part:
+def _make_bracket() -> Part:
     """An L with one chamfer and one hole: distinct axes, no symmetry, corners and round parts."""
     corners = [(0.0, 0.0), (1.5, 0.0), (1.75, 0.28), (1.75, 0.62), (0.72, 0.62), (0.66, 1.25), (0.08, 1.25)]
     return _part(_rounded(corners, [0.13, 0.02, 0.02, 0.24, 0.18, 0.26, 0.11]), _circle(0.37, 0.9, 0.13))
 
 
-def _spanner() -> Part:
+def _make_spanner() -> Part:
     """A narrow handle, a forked jaw, a round end with a hole."""
     angles = np.linspace(-math.pi + 0.5, math.pi - 0.5, 60)
     end = 0.36 * np.column_stack([np.cos(angles), np.sin(angles)])
@@ -245,7 +245,7 @@ def _spanner() -> Part:
     return _part(np.concatenate([end, _rounded(jaw, cuts)]), _circle(0.0, 0.0, 0.16))
 
 
-def _gasket() -> Part:
+def _make_gasket() -> Part:
     """A bore off the centre, three bolt holes and a lug."""
     corners = [(-0.9, -0.6), (0.55, -0.6), (0.95, -0.95), (1.25, -0.6), (0.9, 0.6), (-0.6, 0.75), (-1.1, 0.2)]
     holes = [(0.0, 0.0, 0.34), (-0.72, -0.32, 0.09), (0.62, 0.34, 0.09), (0.9, -0.62, 0.09)]
@@ -255,7 +255,7 @@ def _gasket() -> Part:
 # --- materials and the drawing -------------------------------------------------------------------
 
 
-def _noise(rng: np.random.Generator, size: int, sx: float, sy: float) -> Floats32:
+def _smooth_noise(rng: np.random.Generator, size: int, sx: float, sy: float) -> Floats32:
     """(size, size) noise of variance 1 with correlation lengths sx and sy px; slow waves are made small and enlarged."""
     fx, fy = max(1, int(sx / 3.0)), max(1, int(sy / 3.0))
     white = rng.standard_normal((-(-size // fy), -(-size // fx)), dtype=np.float32)
@@ -264,33 +264,33 @@ def _noise(rng: np.random.Generator, size: int, sx: float, sy: float) -> Floats3
     return np.asarray(field / field.std(), np.float32)
 
 
-def _enlarge(relief: Floats | Floats32, colour: tuple[int, int, int], side: int = SIDE) -> Pixels:
+def _enlarge_relief(relief: Floats | Floats32, colour: tuple[int, int, int], side: int = SIDE) -> Pixels:
     """(side, side, 3) BGR: a relief around 1 times a colour."""
     large = cv2.resize(np.asarray(relief, np.float32), (side, side), interpolation=cv2.INTER_CUBIC)
     return np.asarray(cv2.merge([cv2.convertScaleAbs(large, alpha=channel) for channel in colour]), np.uint8)
 
 
-def _wood(rng: np.random.Generator, planks: int = 5) -> Pixels:
+def _wood_texture(rng: np.random.Generator, planks: int = 5) -> Pixels:
     """(SIDE, SIDE, 3) BGR: planks with year rings, fibres and faint seams."""
     across = np.arange(GRAIN) * planks / GRAIN
     plank = across.astype(np.int64)
-    bend = _noise(rng, GRAIN, 170.0, 22.0)
+    bend = _smooth_noise(rng, GRAIN, 170.0, 22.0)
     for i, slide in enumerate(rng.integers(0, GRAIN, planks)):
         bend[plank == i] = np.roll(bend[plank == i], int(slide), axis=1)
     wave = np.sin(
         2.0 * np.pi * ((np.arange(GRAIN) / 21.0 + rng.uniform(0.0, 7.0, planks)[plank])[:, None] + 1.35 * bend)
     )
-    rings = np.sign(wave) * np.abs(wave) ** 1.6 * (0.55 + 0.45 * np.tanh(_noise(rng, GRAIN, 120.0, 30.0)))
-    fine = 0.017 * _noise(rng, GRAIN, 22.0, 0.9) + 0.014 * _noise(rng, GRAIN, 160.0, 60.0)
+    rings = np.sign(wave) * np.abs(wave) ** 1.6 * (0.55 + 0.45 * np.tanh(_smooth_noise(rng, GRAIN, 120.0, 30.0)))
+    fine = 0.017 * _smooth_noise(rng, GRAIN, 22.0, 0.9) + 0.014 * _smooth_noise(rng, GRAIN, 160.0, 60.0)
     relief = 1.0 + 0.028 * rings + fine + rng.uniform(-0.035, 0.035, planks)[plank][:, None]
     to_seam = np.abs((across + 0.5) % 1.0 - 0.5) * GRAIN / planks
-    return _enlarge(relief * (1.0 - 0.14 * np.exp(-0.5 * (to_seam / 1.3) ** 2))[:, None], WOOD)
+    return _enlarge_relief(relief * (1.0 - 0.14 * np.exp(-0.5 * (to_seam / 1.3) ** 2))[:, None], WOOD)
 
 
 def _draw_parts(table: Pixels, parts: Sequence[Part], rng: np.random.Generator, mark: str = "") -> Pixels:
     """A table with parts of brushed metal on it; `mark` is a word printed on what lies in the middle."""
-    relief = 1.0 + 0.045 * _noise(rng, GRAIN, 30.0, 0.7) + 0.05 * _noise(rng, GRAIN, 64.0, 64.0)
-    metal = _enlarge(relief, METAL)
+    relief = 1.0 + 0.045 * _smooth_noise(rng, GRAIN, 30.0, 0.7) + 0.05 * _smooth_noise(rng, GRAIN, 64.0, 64.0)
+    metal = _enlarge_relief(relief, METAL)
     if mark:
         ink, font, scale, bold = np.zeros((SIDE, SIDE), np.uint8), cv2.FONT_HERSHEY_DUPLEX, 2.0, 4
         (width, height), _ = cv2.getTextSize(mark, font, scale, bold)
@@ -304,13 +304,13 @@ def _draw_parts(table: Pixels, parts: Sequence[Part], rng: np.random.Generator, 
             np.floor(rings[0].min(axis=0) - 3).astype(int),
             np.ceil(rings[0].max(axis=0) + 4).astype(int),
         )
-        share = _coverage([ring - (x0, y0) for ring in rings], x1 - x0, y1 - y0)[..., None]
+        share = _pixel_coverage([ring - (x0, y0) for ring in rings], x1 - x0, y1 - y0)[..., None]
         box = table[y0:y1, x0:x1]
         box[:] = np.rint(box + share * (metal[y0:y1, x0:x1] - box.astype(np.float32)))
     return np.asarray(cv2.GaussianBlur(table, (0, 0), SOFT), np.uint8)
 
 
-def _coverage(rings: Sequence[Floats], width: int, height: int) -> Floats32:
+def _pixel_coverage(rings: Sequence[Floats], width: int, height: int) -> Floats32:
     """(height, width) 0 to 1, how much of each px lies within the first polygon and not within the others.
 
     cv2.fillPoly alone also fills what the edge touches; here the px around an edge are filled by their distance from it.
@@ -328,13 +328,13 @@ def _coverage(rings: Sequence[Floats], width: int, height: int) -> Floats32:
 # --- the photograph ------------------------------------------------------------------------------
 
 
-def _intrinsics(width: int, height: int) -> Floats:
+def _intrinsic_matrix(width: int, height: int) -> Floats:
     """(3, 3) of a camera with a field of view of 49 degrees; pixel centres lie at integer coordinates."""
     f = 1.1 * width
     return np.array([[f, 0.0, 0.5 * (width - 1)], [0.0, f, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
 
 
-def _photograph(
+def _take_photograph(
     drawing: Pixels, H: Floats, size: tuple[int, int], rng: np.random.Generator, *, light: float, noise: float
 ) -> Pixels:
     """What a camera records of a drawing.

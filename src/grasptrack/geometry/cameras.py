@@ -121,7 +121,7 @@ class Camera:
     def distort(self, points: ArrayLike) -> Floats:
         """(N, 2) px seen, of points (N, 2) in ideal px."""
         p = np.asarray(points, dtype=np.float64)
-        return self._rays_to_pixels(self._seen(self._pixels_to_rays(p))) if self.distorted else p.copy()
+        return self._rays_to_pixels(self._seen_rays(self._pixels_to_rays(p))) if self.distorted else p.copy()
 
     @arguments.checked(
         points=arguments.array(..., 2),
@@ -134,7 +134,7 @@ class Camera:
         seen = self._pixels_to_rays(p)
         rays = seen.copy()
         for _ in range(60):
-            step = np.linalg.solve(self._distortion_jacobian(rays), (self._seen(rays) - seen)[..., None])[..., 0]
+            step = np.linalg.solve(self._distortion_jacobian(rays), (self._seen_rays(rays) - seen)[..., None])[..., 0]
             rays -= step
             if np.abs(step).max(initial=0.0) < 1e-14:
                 break
@@ -199,7 +199,7 @@ class Camera:
         r = np.hypot(rays[..., 0], rays[..., 1])
         return np.asarray(rays * np.minimum(1.0, self.holds / np.maximum(r, 1e-300))[..., None])
 
-    def _seen(self, rays: Floats) -> Floats:
+    def _seen_rays(self, rays: Floats) -> Floats:
         inner = self._clamp_rays(rays)
         beyond = rays - inner
         out = self._apply_lens_model(inner)
@@ -208,7 +208,7 @@ class Camera:
         return out
 
     def _distortion_jacobian(self, rays: Floats) -> Floats:
-        return _central_differences(self._seen, rays)
+        return _central_differences(self._seen_rays, rays)
 
     def _bare_slopes(self, rays: Floats) -> Floats:
         return _central_differences(self._apply_lens_model, rays)

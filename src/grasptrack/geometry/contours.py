@@ -64,7 +64,7 @@ class Contour:
         fresh = (pts != np.roll(pts, 1, axis=0)).any(axis=1)
         if not fresh.all():
             pts, marks, cut = _merge_repeated(pts, fresh, marks, cut)
-        self._settle(pts, bool(hole), marks, cut)
+        self._set_points(pts, bool(hole), marks, cut)
         width, height = np.ptp(self.points, axis=0).tolist()
         if width + height < LEAST_SIZE:
             raise ContourError(
@@ -103,10 +103,10 @@ class Contour:
         contour = Contour.__new__(Contour)
         pts = _as_points(points)
         marks = _as_marks("strength", strength, np.float64, len(pts))
-        contour._settle(pts, hole, marks, _as_marks("clipped", clipped, np.bool_, len(pts)))
+        contour._set_points(pts, hole, marks, _as_marks("clipped", clipped, np.bool_, len(pts)))
         return contour
 
-    def _settle(self, pts: Floats, hole: bool, marks: Floats | None, cut: Bools | None) -> None:
+    def _set_points(self, pts: Floats, hole: bool, marks: Floats | None, cut: Bools | None) -> None:
         """Take points that are this contour's own, in their right direction."""
         if len(pts) < MIN_POINTS:
             raise ContourError(f"a contour needs at least {MIN_POINTS} points, not {len(pts)}", count=len(pts))
@@ -201,7 +201,7 @@ class Contour:
             ConditioningError: H sends part of the curve to infinity.
             ContourError: what comes out has no area.
         """
-        return _Transformed.of(self, _as_homography(H))
+        return _Transformed.of_contour(self, _as_homography(H))
 
     def __eq__(self, other: object) -> bool:
         """Whether it is the same curve with the same marks, point for point."""
@@ -308,7 +308,7 @@ class _Transformed(Contour):
             self.clipped = None
 
     @classmethod
-    def of(cls, source: Contour, H: Floats) -> Contour:
+    def of_contour(cls, source: Contour, H: Floats) -> Contour:
         """The curve, worked out at once where something might go wrong."""
         carried = cls(source, H)
         if not carried.is_sure:
@@ -332,7 +332,7 @@ class _Transformed(Contour):
         points = apply_homography(self._H, source.points)
         strength = None if source.strength is None else source.strength.copy()
         clipped = None if source.clipped is None else source.clipped.copy()
-        self._settle(points, source.hole, strength, clipped)
+        self._set_points(points, source.hole, strength, clipped)
 
     @property
     def is_sure(self) -> bool:
@@ -380,9 +380,9 @@ class View:
             raise ContourError("a view has one outer contour, in first place, and then only holes")
         if len(listed) > 1 and not sum(c.signed_area for c in listed) > 0.0:
             raise ContourError("a view's holes must leave some of the area within its outer contour")
-        self._take(listed, image)
+        self._set_contours(listed, image)
 
-    def _take(self, listed: tuple[Contour, ...], image: NDArray[Any] | None) -> None:
+    def _set_contours(self, listed: tuple[Contour, ...], image: NDArray[Any] | None) -> None:
         self.contours = listed
         self.image = image
         self._joined: tuple[Floats, NDArray[np.int64]] | None = None
@@ -433,7 +433,7 @@ class View:
         """The same outlines under a homography (3, 3), see `Contour.transformed`."""
         own = _as_homography(H)
         view = View.__new__(View)  # as many contours in the same order: the areas are left to be worked out late
-        view._take(tuple(_Transformed.of(c, own) for c in self.contours), None)
+        view._set_contours(tuple(_Transformed.of_contour(c, own) for c in self.contours), None)
         return view
 
     @property

@@ -54,12 +54,12 @@ class Rectifications(NamedTuple):
     told: bool = True
 
     @staticmethod
-    def sure(best: Floats) -> Rectifications:
+    def known_exactly(best: Floats) -> Rectifications:
         """One map (3, 3), and nothing said of how sure that is."""
         return Rectifications(best, np.empty((0, 3, 3)), np.empty(0))
 
 
-FRONTAL = Rectifications.sure(np.eye(3))
+FRONTAL = Rectifications.known_exactly(np.eye(3))
 """The view of the choice taken as frontal, and nothing said of how sure that is."""
 
 
@@ -84,7 +84,7 @@ class Judgement(NamedTuple):
     settled: bool
 
     @property
-    def chance(self) -> float:
+    def closure_probability(self) -> float:
         """That the grasp closes."""
         return self.closes * self.stays
 
@@ -179,7 +179,7 @@ class ClosureCheck:
         frames = kernels.contact_frames(points, self._offsets, places, width)
         return self._closure_margin(contacts, np.ascontiguousarray(frames[:, :2]))
 
-    def first(self, plane: Rectifications) -> Judgement:
+    def judge_first(self, plane: Rectifications) -> Judgement:
         """In the view of the choice, where the contacts are by definition."""
         if plane is not self._plane:
             self._update_rectification(plane)

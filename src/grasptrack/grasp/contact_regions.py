@@ -75,7 +75,7 @@ class BoundarySamples:
         gaps = np.diff(self.at)
         self.gap: Floats = 0.5 * np.maximum(np.append(gaps, 0.0), np.insert(gaps, 0, 0.0))
 
-    def edges(self, centre: Floats, rho: float, friction: float) -> Floats:
+    def cone_edges(self, centre: Floats, rho: float, friction: float) -> Floats:
         """(m, 2, 3) both edges of the friction cone at each place, as wrenches."""
         n = self.normals
         t = np.column_stack([-n[:, 1], n[:, 0]])
@@ -149,7 +149,7 @@ def _grow_coarse_box(edges: list[Floats], usable: list[Bools]) -> list[tuple[int
     few = [e[::COARSE] for e in edges]
     room = [_edge_motion_bounds(e, u) for e, u in zip(edges, usable, strict=True)]
 
-    def closes(contact: int, at: int, ends: Ends) -> bool:
+    def all_close(contact: int, at: int, ends: Ends) -> bool:
         spans = [np.arange(middle - back, middle + ahead + 1) for back, ahead in ends]
         spans[contact] = np.array([middle + at])
         i, j, k = (axis.ravel() for axis in np.meshgrid(*spans, indexing="ij"))
@@ -158,9 +158,9 @@ def _grow_coarse_box(edges: list[Floats], usable: list[Bools]) -> list[tuple[int
             return False
         return bool((epsilon_quality(np.concatenate([few[0][i], few[1][j], few[2][k]], axis=1)) > most).all())
 
-    if not closes(0, 0, [(0, 0)] * 3):
+    if not all_close(0, 0, [(0, 0)] * 3):
         return [(0, 0)] * 3
-    return grow_box(3, middle, closes)
+    return grow_box(3, middle, all_close)
 
 
 def _edge_motion_bounds(edges: Floats, usable: Bools) -> Floats:
@@ -239,7 +239,7 @@ def regions_of(
         ends = _of_pair(slips, friction)
     else:
         _, cx, cy, *_ = kernels.polygon_moments(outline.points, outline.offsets)
-        edges = [s.edges(np.array([cx, cy]), analysis.rho, friction) for s in slips]
+        edges = [s.cone_edges(np.array([cx, cy]), analysis.rho, friction) for s in slips]
         ends = of_more(edges, [s.usable for s in slips])
     if ends is None:
         return empty
@@ -253,12 +253,12 @@ def _of_pair(slips: list[BoundarySamples], friction: float) -> list[tuple[int, i
     if not good[SAMPLES, SAMPLES]:
         return None
 
-    def closes(contact: int, at: int, ends: Ends) -> bool:
+    def all_close(contact: int, at: int, ends: Ends) -> bool:
         back, ahead = ends[1 - contact]
         others = slice(SAMPLES - back, SAMPLES + ahead + 1)
         return bool((good[SAMPLES + at, others] if contact == 0 else good[others, SAMPLES + at]).all())
 
-    return grow_box(2, SAMPLES, closes)
+    return grow_box(2, SAMPLES, all_close)
 
 
 def _closing_pairs(first: BoundarySamples, second: BoundarySamples, angle: float) -> Bools:

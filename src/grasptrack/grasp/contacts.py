@@ -30,10 +30,7 @@ class Grasp:
 
     __slots__ = ("contacts", "quality")
 
-    @arguments.checked(
-        contacts=arguments.array(unbounded=True),
-        quality=arguments.number,
-    )
+    @arguments.checked(contacts=arguments.array(unbounded=True), quality=arguments.number)
     def __init__(self, contacts: ArrayLike, quality: float = math.nan) -> None:
         pts = np.array(contacts, dtype=np.float64, order="C")
         if pts.ndim != 2 or pts.shape[1:] != (2,) or len(pts) < 2:
@@ -69,9 +66,7 @@ class Grasp:
         """Distance in px between the first two contacts."""
         return math.dist(self.contacts[0], self.contacts[1])
 
-    @arguments.checked(
-        outline=outline_like,
-    )
+    @arguments.checked(outline=outline_like)
     def on(self, outline: OutlineLike) -> Floats:
         """(k, 3) where each contact lies on an outline: contour index, position (point index + fraction), distance px.
 
@@ -81,9 +76,7 @@ class Grasp:
         outline = as_outline(outline)
         return kernels.project_to_contour(outline.points, outline.offsets, self.contacts)
 
-    @arguments.checked(
-        outline=outline_like,
-    )
+    @arguments.checked(outline=outline_like)
     def snapped(self, outline: OutlineLike) -> Grasp:
         """The same grasp with each contact moved to the nearest point of the outline.
 

@@ -71,7 +71,7 @@ class GraspAnalysis(NamedTuple):
         )
 
 
-class Closure(NamedTuple):
+class ForceClosure(NamedTuple):
     """Force closure of contacts with given normals: everything that says "it closes" asks here.
 
     Attributes:
@@ -95,7 +95,9 @@ class Closure(NamedTuple):
         return self.margin > 0.0 and self.epsilon > 0.0
 
     @classmethod
-    def of(cls, contacts: Floats, normals: Floats, centre: tuple[float, float], rho: float, friction: float) -> Closure:
+    def of(
+        cls, contacts: Floats, normals: Floats, centre: tuple[float, float], rho: float, friction: float
+    ) -> ForceClosure:
         """Of contacts (k, 2) px with normals (k, 2) into the material; torques are about `centre`, divided by rho."""
         return cls(*kernels.force_closure(contacts, normals, *centre, rho, friction), friction)
 
@@ -186,7 +188,7 @@ class Analyzer:
                 )
         frames = kernels.contact_frames(self._points, self._offsets, places, self._width)
         normals = np.ascontiguousarray(frames[:, :2])
-        closure = Closure.of(contacts, normals, self._centroid, rho, friction)
+        closure = ForceClosure.of(contacts, normals, self._centroid, rho, friction)
         return GraspAnalysis(
             closure.closes,
             closure.margin,
@@ -212,7 +214,7 @@ def _centroid_distance(contacts: Floats, cx: float, cy: float) -> float:
     return float(abs((cx - x1) * (y2 - y1) - (cy - y1) * (x2 - x1)) / opening)
 
 
-def _refusal_reason(fingers: int, closure: Closure) -> str:
+def _refusal_reason(fingers: int, closure: ForceClosure) -> str:
     needed, friction = closure.needed, closure.friction
     if needed > math.radians(89.9):
         return "the fingers do not oppose each other: no friction closes this grasp"
@@ -257,4 +259,6 @@ def _closes_at_places(outline: Outline, places: Floats, k: int, friction: float)
     frames = kernels.contact_frames(outline.points, outline.offsets, places, FINGER_WIDTH * size)
     normals = np.ascontiguousarray(frames[:, :2]).reshape(-1, k, 2)
     at = (centre[0], centre[1])
-    return np.array([Closure.of(c, n, at, 0.5 * size, friction).closes for c, n in zip(contacts, normals, strict=True)])
+    return np.array(
+        [ForceClosure.of(c, n, at, 0.5 * size, friction).closes for c, n in zip(contacts, normals, strict=True)]
+    )

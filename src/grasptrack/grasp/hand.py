@@ -27,10 +27,7 @@ class Length(NamedTuple):
     value: float
     unit: Unit = "px"
 
-    @arguments.checked(
-        size=arguments.number,
-        px_per_mm=arguments.optional(arguments.number),
-    )
+    @arguments.checked(size=arguments.number, px_per_mm=arguments.optional(arguments.number))
     def in_px(self, size: float, px_per_mm: float | None) -> float:
         """The length in px on an object of sqrt(area) = size px.
 
@@ -123,9 +120,7 @@ class HandPx(NamedTuple):
     clearance: float
 
 
-@arguments.checked(
-    px_per_mm=arguments.optional(arguments.number),
-)
+@arguments.checked(px_per_mm=arguments.optional(arguments.number))
 @dataclass(frozen=True)
 class Hand:
     """Limits of a gripper whose fingers come down beside the object, or into a hole, and then close or spread.
@@ -175,9 +170,7 @@ class Hand:
         if self.px_per_mm is not None and not 0.0 < self.px_per_mm < math.inf:
             raise InputError(f"the scale must be a positive number of px per mm, not {self.px_per_mm}")
 
-    @arguments.checked(
-        size=arguments.number,
-    )
+    @arguments.checked(size=arguments.number)
     def in_px(self, size: float) -> HandPx:
         """The hand on an object of sqrt(area) = size px.
 

@@ -18,12 +18,13 @@ if TYPE_CHECKING:
     from grasptrack.io.base import Frame
     from grasptrack.tracking.result import TrackResult
 
-Kind = Literal["integer", "count", "text", "points", "matrices", "shares", "number"]
+Kind = Literal["integer", "count", "flag", "text", "points", "matrices", "shares", "number"]
 _NUMBERS = {"type": "array", "items": {"type": "number"}}
 _POINTS = {"type": ["array", "null"], "items": _NUMBERS}
 _SCHEMAS: dict[Kind, dict[str, Any]] = {
     "integer": {"type": "integer"},
     "count": {"type": ["integer", "null"]},
+    "flag": {"type": "boolean"},
     "text": {"type": "string"},
     "points": _POINTS,
     "matrices": {"type": ["array", "null"], "items": _POINTS},
@@ -34,7 +35,7 @@ _NO_CONTACTS, _NO_COVARIANCE = "no contacts", "no contacts, or no covariance"
 _NO_DISTANCE = "no contacts, no `--length`, or an outline that the first view cuts off"
 
 
-class Column(NamedTuple):
+class CsvColumn(NamedTuple):
     """One value of a frame's answer.
 
     Attributes:
@@ -57,13 +58,13 @@ class Column(NamedTuple):
     take: Callable[[TrackResult], Any] | None = None
     spread: Callable[[Any], list[Any]] | None = None
 
-    def value(self, result: TrackResult) -> Any:
+    def value_of(self, result: TrackResult) -> Any:
         """As a `TrackResult` has it, angles in rad; None or NaN where there is none."""
         return (self.take or attrgetter(self.name))(result)
 
-    def shown(self, result: TrackResult) -> Any:
+    def shown_value(self, result: TrackResult) -> Any:
         """In the unit of the table."""
-        value = self.value(result)
+        value = self.value_of(result)
         return math.degrees(value) if self.unit == "degrees" else value
 
     def cell_names(self, fingers: int) -> list[str]:
@@ -79,27 +80,27 @@ def _upper_triangles(covariances: Any) -> list[float]:
     return [float(c[at]) for c in covariances for at in ((0, 0), (0, 1), (1, 1))]
 
 
-def _flat(values: Any) -> list[float]:
+def _flat_list(values: Any) -> list[float]:
     return values.ravel().tolist()  # type: ignore[no-any-return]
 
 
 COLUMNS = (
-    Column("frame", "integer", "", "never"),
-    Column("time_s", "number", "s", "the source has no times", ".6f", take=attrgetter("time")),
-    Column("status", "text", "", "never"),
-    Column("strategy", "text", "", _NO_CONTACTS),
-    Column("grasp_id", "count", "", "searching"),
-    Column(
+    CsvColumn("frame", "integer", "", "never"),
+    CsvColumn("time_s", "number", "s", "the source has no times", ".6f", take=attrgetter("time")),
+    CsvColumn("status", "text", "", "never"),
+    CsvColumn("strategy", "text", "", _NO_CONTACTS),
+    CsvColumn("grasp_id", "count", "", "searching"),
+    CsvColumn(
         "contacts",
         "points",
         "px, the centre of the top-left pixel at (0, 0), x right, y down",
         _NO_CONTACTS,
         ".4f",
         cells="x{i} y{i}",
-        spread=_flat,
+        spread=_flat_list,
     ),
-    Column("seen", "shares", "0 to 1", _NO_CONTACTS, ".3f", cells="seen{i}", spread=_flat),
-    Column(
+    CsvColumn("seen", "shares", "0 to 1", _NO_CONTACTS, ".3f", cells="seen{i}", spread=_flat_list),
+    CsvColumn(
         "margin",
         "number",
         "degrees",
@@ -107,24 +108,24 @@ COLUMNS = (
         ".4f",
         take=lambda result: math.nan if result.analysis is None else result.analysis.margin,
     ),
-    Column(
+    CsvColumn(
         "confidence",
         "number",
         "0 to 1, the complement of the probability that a contact is off or on another object",
         "never; 0 while searching",
         ".9f",
     ),
-    Column("chance", "number", "probability", _NO_COVARIANCE, ".4f"),
-    Column("latency_ms", "number", "ms", "never", ".4f"),
-    Column("reason", "text", "", "tracked", take=lambda result: " ".join(result.reason.split())),
-    Column("reason_code", "text", "", "tracked"),
-    Column("tilt", "number", "degrees", _NO_CONTACTS, ".4f"),
-    Column("tilt_sd", "number", "degrees", _NO_CONTACTS, ".4f"),
-    Column("margin_sd", "number", "degrees", _NO_CONTACTS, ".4f"),
-    Column("margin_image", "number", "degrees", _NO_CONTACTS, ".4f"),
-    Column("distance", "number", "that of the length that was told", _NO_DISTANCE, ".6g"),
-    Column("distance_sd", "number", "that of the length that was told", _NO_DISTANCE, ".6g"),
-    Column(
+    CsvColumn("chance", "number", "probability", _NO_COVARIANCE, ".4f"),
+    CsvColumn("latency_ms", "number", "ms", "never", ".4f"),
+    CsvColumn("reason", "text", "", "tracked", take=lambda result: " ".join(result.reason.split())),
+    CsvColumn("reason_code", "text", "", "tracked"),
+    CsvColumn("tilt", "number", "degrees", _NO_CONTACTS, ".4f"),
+    CsvColumn("tilt_sd", "number", "degrees", _NO_CONTACTS, ".4f"),
+    CsvColumn("margin_sd", "number", "degrees", _NO_CONTACTS, ".4f"),
+    CsvColumn("margin_image", "number", "degrees", _NO_CONTACTS, ".4f"),
+    CsvColumn("distance", "number", "that of the length that was told", _NO_DISTANCE, ".6g"),
+    CsvColumn("distance_sd", "number", "that of the length that was told", _NO_DISTANCE, ".6g"),
+    CsvColumn(
         "mended",
         "number",
         "share of the first outline",
@@ -132,17 +133,17 @@ COLUMNS = (
         ".4f",
         spread=lambda share: [share or math.nan],
     ),
-    Column("notice", "text", "", "a tracked frame needs none"),
-    Column(
+    CsvColumn("notice", "text", "", "a tracked frame needs none"),
+    CsvColumn(
         "homography",
         "points",
         "H_current_reference, px of the grasp's first view to px of the frame, h33 being 1",
         "no contacts, or a strategy that gives none",
         ".9g",
         cells="h11 h12 h13 h21 h22 h23 h31 h32 h33",
-        spread=_flat,
+        spread=_flat_list,
     ),
-    Column(
+    CsvColumn(
         "covariances",
         "matrices",
         "px^2, of each contact's x and y",
@@ -152,13 +153,30 @@ COLUMNS = (
         take=attrgetter("covariance"),
         spread=_upper_triangles,
     ),
+    CsvColumn("edge", "number", "0 to 1, share of the outline", _NO_CONTACTS, ".3f"),
+    CsvColumn("surface", "number", "0 to 1, share of the surface's patches", _NO_CONTACTS, ".3f"),
+    CsvColumn("object_sure", "flag", "", "never", "d"),
+    CsvColumn("object_probability", "number", "probability", "no choice was made: the outline was given", ".4f"),
 )
 """In the order of grasps.csv; new ones come at the end."""
 NAMED = {column.name: column for column in COLUMNS}
 IN_JSON = (
-    *("frame", "time_s", "status", "reason", "reason_code", "strategy", "grasp_id", "contacts", "covariances", "seen"),
+    *(
+        "frame",
+        "time_s",
+        "status",
+        "reason",
+        "reason_code",
+        "strategy",
+        "grasp_id",
+        "contacts",
+        "covariances",
+        "seen",
+        "edge",
+        "surface",
+    ),
     *("homography", "confidence", "chance", "margin", "margin_sd", "margin_image", "tilt", "tilt_sd"),
-    *("distance", "distance_sd", "mended", "notice", "latency_ms"),
+    *("distance", "distance_sd", "mended", "notice", "object_sure", "object_probability", "latency_ms"),
 )
 """The order of lines of JSON and of recordings."""
 UNITS = {column.name: column.unit for column in COLUMNS if column.unit}
@@ -181,7 +199,7 @@ def csv_cells(result: TrackResult, index: int, time: float | None, fingers: int)
     of_frame = {"frame": index, "time_s": time}
     cells: list[str] = []
     for column in COLUMNS:
-        value = of_frame[column.name] if column.name in of_frame else column.shown(result)
+        value = of_frame[column.name] if column.name in of_frame else column.shown_value(result)
         listed: Sequence[Any] = [] if value is None else [value] if column.spread is None else column.spread(value)
         count = len(column.cell_names(fingers))
         written = [_format_cell(part, column.digits) for part in listed[:count]]
@@ -201,7 +219,7 @@ def result_fields(frame: Frame, result: TrackResult, *, outline: bool = False) -
         result: the tracker's answer.
         outline: tell the outline that was observed, the outer contour first, then holes.
     """
-    fields = {name: NAMED[name].shown(result) for name in IN_JSON}
+    fields = {name: NAMED[name].shown_value(result) for name in IN_JSON}
     fields |= {"frame": frame.index, "time_s": frame.time}
     if outline:
         fields["outline"] = None if result.view is None else [c.points for c in result.view.contours]

@@ -194,27 +194,27 @@ def image_size_in_header(data: bytes) -> tuple[int, int] | None:
     """Width and height in px that a file claims; None where it is of another format, or has no whole header."""
     try:
         if data.startswith(b"\x89PNG"):
-            return _pair(">II", data, 16)
+            return _read_pair(">II", data, 16)
         if data.startswith(b"\xff\xd8"):
-            return _jpeg(data)
+            return _jpeg_size(data)
         if data.startswith(b"BM"):
-            return _bmp(data)
+            return _bmp_size(data)
         if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-            return _tiff(data)
+            return _tiff_size(data)
         if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
-            return _webp(data)
+            return _webp_size(data)
         found = _PORTABLE.match(data)
         return (int(found[1]), int(found[2])) if found else None
     except (struct.error, IndexError):
         return None
 
 
-def _pair(layout: str, data: bytes, at: int) -> tuple[int, int]:
+def _read_pair(layout: str, data: bytes, at: int) -> tuple[int, int]:
     first, second = struct.unpack_from(layout, data, at)
     return abs(int(first)), abs(int(second))  # a BMP's height is negative where its first row is the upper one
 
 
-def _jpeg(data: bytes) -> tuple[int, int] | None:
+def _jpeg_size(data: bytes) -> tuple[int, int] | None:
     at = 2
     while at + 9 <= len(data):
         if data[at] != 0xFF:  # a decoder looks for the next marker as well
@@ -222,7 +222,7 @@ def _jpeg(data: bytes) -> tuple[int, int] | None:
             continue
         marker = data[at + 1]
         if marker in _JPEG_FRAMES:
-            height, width = _pair(">HH", data, at + 5)
+            height, width = _read_pair(">HH", data, at + 5)
             return width, height
         if marker in (0xFF, 0x00, 0x01) or 0xD0 <= marker <= 0xD8:
             at += 1 if marker == 0xFF else 2
@@ -233,12 +233,12 @@ def _jpeg(data: bytes) -> tuple[int, int] | None:
     return None
 
 
-def _bmp(data: bytes) -> tuple[int, int]:
+def _bmp_size(data: bytes) -> tuple[int, int]:
     head = int.from_bytes(data[14:18], "little")
-    return _pair("<HH", data, 18) if head == 12 else _pair("<ii", data, 18)
+    return _read_pair("<HH", data, 18) if head == 12 else _read_pair("<ii", data, 18)
 
 
-def _tiff(data: bytes) -> tuple[int, int] | None:
+def _tiff_size(data: bytes) -> tuple[int, int] | None:
     """The first directory's; of BigTIFF too."""
     order = "<" if data[:1] == b"I" else ">"
     big = data[2:4] in (b"+\0", b"\0+")
@@ -254,7 +254,7 @@ def _tiff(data: bytes) -> tuple[int, int] | None:
     return (sides[256], sides[257]) if len(sides) == 2 else None
 
 
-def _webp(data: bytes) -> tuple[int, int] | None:
+def _webp_size(data: bytes) -> tuple[int, int] | None:
     if len(data) < 30:
         return None
     kind = data[12:16]
@@ -264,7 +264,7 @@ def _webp(data: bytes) -> tuple[int, int] | None:
         bits = int.from_bytes(data[21:25], "little")
         return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
     if kind == b"VP8 ":
-        width, height = _pair("<HH", data, 26)
+        width, height = _read_pair("<HH", data, 26)
         return width & 0x3FFF, height & 0x3FFF
     return None
 

@@ -33,7 +33,7 @@ def limit_megapixels(most: float | None) -> None:
     Raises:
         InputError: not a number above 0.
     """
-    _asked.set(None if most is None else _checked(most, "max_megapixels"))
+    _asked.set(None if most is None else _positive_number(most, "max_megapixels"))
 
 
 def max_megapixels() -> float:
@@ -46,7 +46,7 @@ def max_megapixels() -> float:
     if asked is not None:
         return asked
     text = os.environ.get(VARIABLE)
-    return DEFAULT_MEGAPIXELS if not text else _checked(text, VARIABLE)
+    return DEFAULT_MEGAPIXELS if not text else _positive_number(text, VARIABLE)
 
 
 def check_size(width: int, height: int, name: str) -> None:
@@ -75,7 +75,7 @@ def most_held(image: NDArray[Any]) -> int:
     return max(2, min(HELD, HELD_BYTES // max(image.nbytes, 1)))
 
 
-def _checked(value: float | str, name: str) -> float:
+def _positive_number(value: float | str, name: str) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -86,7 +86,7 @@ def _checked(value: float | str, name: str) -> float:
 
 
 class Backlog(Generic[T]):
-    """The newest item only; after `keep` everything that comes during one long step.
+    """The newest item only; after `keep_all` everything that comes during one long step.
 
     A first look takes as long as many images. Who goes on with the newest one has to bridge all that moved meanwhile, and an
     object that looks the same after a turn is ambiguous from then on. What came is therefore handed out in order, thinned
@@ -105,7 +105,7 @@ class Backlog(Generic[T]):
         self._keeping = False
         self._before: int | None = None  # items that were handed out at a time before
 
-    def keep(self) -> None:
+    def keep_all(self) -> None:
         """Keep what comes from now on, until it has been caught up with."""
         self._coming = [(k, item) for k, (_, item) in enumerate(self._coming)]
         self._came, self._stride = len(self._coming), 1

@@ -107,7 +107,7 @@ class LiveSource(Source):
         drain = _Drain(self._open_device, self._patience)
         try:
             while True:
-                newest = drain.take(self.on_wait)
+                newest = drain.take_newest(self.on_wait)
                 if newest is None and drain.refusal is not None:
                     raise drain.refusal
                 if newest is None:
@@ -117,7 +117,7 @@ class LiveSource(Source):
                     )
                 self.dropped, self.reconnected = drain.dropped, newest.connection
                 if index == 0 and self.catches_up:
-                    drain.keep()
+                    drain.keep_all()
                 yield newest.image, clock.time_of(newest), f"frame {index} of {self.label}"
                 index += 1
         finally:
@@ -146,10 +146,10 @@ class _Drain:
         self._ending, self._over = threading.Event(), False
         self._ready = threading.Condition()
         run = contextvars.copy_context().run  # the limit of size holds there, too
-        self._thread = threading.Thread(target=run, args=(self._run,), name="grasptrack-drain", daemon=True)
+        self._thread = threading.Thread(target=run, args=(self._read_device,), name="grasptrack-drain", daemon=True)
         self._thread.start()
 
-    def take(self, on_wait: Callable[[], None]) -> _Newest | None:
+    def take_newest(self, on_wait: Callable[[], None]) -> _Newest | None:
         """The newest image, waited for; None where there will be none."""
         while True:
             with self._ready:
@@ -163,17 +163,17 @@ class _Drain:
                     return None
             on_wait()
 
-    def keep(self) -> None:
+    def keep_all(self) -> None:
         """Keep the images that come until the next one is taken."""
         with self._ready:
-            self._waiting.keep()
+            self._waiting.keep_all()
 
     def stop(self) -> None:
         """End the thread, which closes the device."""
         self._ending.set()
         self._thread.join(_ENDING)
 
-    def _run(self) -> None:
+    def _read_device(self) -> None:
         device: Device | None = None
         try:
             device = self._open_device()
@@ -190,7 +190,7 @@ class _Drain:
                     given = device.read()
                 except DeviceGoneError as error:
                     self.error = str(error)
-                    _close(device)
+                    _close_quietly(device)
                     device = None
                     self._ending.wait(RETRY)
                     continue
@@ -199,18 +199,18 @@ class _Drain:
                     continue
                 heard = time.monotonic()
                 connection, fresh = connection + fresh, False
-                self._keep(_Newest(*given, heard, connection))
+                self._keep_image(_Newest(*given, heard, connection))
         except GraspTrackError as error:
             self.refusal = error
         except Exception as error:  # whatever a driver raises ends the source with it, not the thread alone
             self.error = " ".join(f"{type(error).__name__}: {error}".split())
         finally:
-            _close(device)
+            _close_quietly(device)
             with self._ready:
                 self._over = True
                 self._ready.notify_all()
 
-    def _keep(self, newest: _Newest) -> None:
+    def _keep_image(self, newest: _Newest) -> None:
         with self._ready:
             self.dropped += self._waiting.add(newest, newest.image.nbytes)
             self._ready.notify_all()
@@ -220,7 +220,7 @@ def _do_nothing() -> None:
     pass
 
 
-def _close(device: Device | None) -> None:
+def _close_quietly(device: Device | None) -> None:
     if device is not None:
         with contextlib.suppress(Exception):  # one that has gone may not even close
             device.close()

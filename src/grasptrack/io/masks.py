@@ -57,7 +57,7 @@ class Masks:
         """The masks' files, in natural order."""
         return iter(self._paths)
 
-    def mask(self, frame: Frame) -> Mask:
+    def mask_for(self, frame: Frame) -> Mask:
         """(H, W) uint8, 255 where the frame's mask has an object, else 0.
 
         Raises:

@@ -33,9 +33,9 @@ class PipedSource(Source):
         head = reader.peek(len(_PNG))
         if not head:
             raise SourceError(f"{NAME} is empty: pipe images or a video into it", spec=self.spec)
-        yield from _images(reader) if head.startswith((_JPEG, _PNG)) else self._video(reader)
+        yield from _piped_images(reader) if head.startswith((_JPEG, _PNG)) else self._video_frames(reader)
 
-    def _video(self, reader: _Reader) -> Generator[tuple[Image, float | None, str], None, None]:
+    def _video_frames(self, reader: _Reader) -> Generator[tuple[Image, float | None, str], None, None]:
         import av
 
         try:
@@ -99,7 +99,7 @@ class _Reader:
                 return -1
 
 
-def _images(reader: _Reader) -> Generator[tuple[Image, float | None, str], None, None]:
+def _piped_images(reader: _Reader) -> Generator[tuple[Image, float | None, str], None, None]:
     to_eight, index = EightBits(), 0
     while head := reader.peek(len(_PNG)):
         name = f"image {index} of {NAME}"

@@ -33,7 +33,7 @@ class PixelFormat(NamedTuple):
     packed: str = ""
 
     @property
-    def dtype(self) -> type[np.uint8] | type[np.uint16]:
+    def value_type(self) -> type[np.uint8] | type[np.uint16]:
         """Of one value that is not packed."""
         return np.uint8 if self.bits <= 8 else np.uint16
 
@@ -117,8 +117,8 @@ def raw_image(
         SourceError: fewer bytes than so many pixels need.
     """
     if form.packed:
-        return _unpack(data, width, height, form)
-    row = width * form.channels * np.dtype(form.dtype).itemsize
+        return _unpack_values(data, width, height, form)
+    row = width * form.channels * np.dtype(form.value_type).itemsize
     step = step or row
     if width < 1 or height < 1 or step < row or data.size < step * (height - 1) + row:
         raise SourceError(
@@ -129,13 +129,13 @@ def raw_image(
     padded = data[: step * height]
     if padded.size < step * height:  # the last row may end with its pixels
         padded = np.concatenate([padded, np.zeros(step * height - padded.size, np.uint8)])
-    values = np.ascontiguousarray(padded.reshape(height, step)[:, :row]).view(form.dtype)
+    values = np.ascontiguousarray(padded.reshape(height, step)[:, :row]).view(form.value_type)
     if big_endian and values.dtype == np.uint16:
         values = values.byteswap()
     return values if form.channels == 1 else values.reshape(height, width, form.channels)
 
 
-def _unpack(data: NDArray[np.uint8], width: int, height: int, form: PixelFormat) -> NDArray[np.uint16]:
+def _unpack_values(data: NDArray[np.uint8], width: int, height: int, form: PixelFormat) -> NDArray[np.uint16]:
     """Values of 10, 12 or 14 bits that share bytes, as uint16."""
     count = width * height
     needed = -(-count * (12 if form.packed == "Packed" else form.bits) // 8)

@@ -32,7 +32,7 @@ _INSIDE_95 = 2.4477
 """Standard deviations within which 95 % of a normal distribution in the plane lie: sqrt(-2 ln 0.05)."""
 OPTIONS = (
     *("strategy", "fingers", "friction", "risk", "grasp", "object", "not", "box", "outline", "choose", "sure"),
-    *("masks", "first_look_ms", "segmenter", "background", "ignore", "camera", "length"),
+    *("masks", "first_look_ms", "segmenter", "background", "ignore", "camera", "length", "pixel_aspect"),
     *("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance", "scale", "resynthesize"),
 )
 """Those of `grasptrack track` that decide what is tracked and how. The rate and the source's settings do not: a recording keeps
@@ -217,7 +217,7 @@ class WriterThread:
         self._changed = threading.Condition()
         self._waiting: deque[tuple[Frame, TrackResult]] = deque()
         self._ending = False
-        self._thread = threading.Thread(target=self._go, name="grasptrack-recorder", daemon=True)
+        self._thread = threading.Thread(target=self._write_and_close, name="grasptrack-recorder", daemon=True)
         self._thread.start()
 
     def add(self, frame: Frame, result: TrackResult) -> None:
@@ -249,8 +249,8 @@ class WriterThread:
                 self._waiting.clear()
             raise
 
-    def _go(self) -> None:
-        for work in (self._write, self._recording.close):
+    def _write_and_close(self) -> None:
+        for work in (self._write_frames, self._recording.close):
             try:
                 work()
             except Exception as error:  # encoders' own errors share no class
@@ -259,7 +259,7 @@ class WriterThread:
         if self._on_end is not None:
             self._on_end(self)
 
-    def _write(self) -> None:
+    def _write_frames(self) -> None:
         while True:
             with self._changed:
                 while not self._waiting and not self._ending:

@@ -76,18 +76,18 @@ class _Topic:
                 spec=spec,
             ) from None
         try:
-            kind = self._find(spec, topic, domain)
+            kind = self._find_type(spec, topic, domain)
             self._images = MessageImages(image_kind(kind), bits)
             self._type, self._name = kind, f"an image of {topic}"
             self._begin: int | None = None
             self._waiting: deque[bytes] = deque()
             self._came = Condition()
-            self._subscriber = self._session.declare_subscriber(f"{domain}/{topic.strip('/')}/*/*", self._take)
+            self._subscriber = self._session.declare_subscriber(f"{domain}/{topic.strip('/')}/*/*", self._take_sample)
         except BaseException:
             self._session.close()
             raise
 
-    def _find(self, spec: str, topic: str, domain: int) -> str:
+    def _find_type(self, spec: str, topic: str, domain: int) -> str:
         """The type of the topic's messages.
 
         Raises:
@@ -107,7 +107,7 @@ class _Topic:
         why = f"holds {found.type}, no images" if found is not None else "is published by nobody"
         raise SourceError(f'"{spec}": topic {topic} {why}; there is {pictures}', topic=topic)
 
-    def _take(self, sample: Any) -> None:
+    def _take_sample(self, sample: Any) -> None:
         with self._came:
             while len(self._waiting) >= _HELD:
                 self._waiting.popleft()
@@ -121,7 +121,7 @@ class _Topic:
                 return None
             data = self._waiting.popleft()
         message = self._store.deserialize_cdr(data, self._type)
-        image = self._images.image(message, self._name)
+        image = self._images.decode_message(message, self._name)
         stamp = stamp_of(message)
         if self._begin is None:
             self._begin = stamp

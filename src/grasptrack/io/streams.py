@@ -33,7 +33,7 @@ class _Stream:
         try:
             self._container: Any = open_media(url, options=options, timeout=(_OPENING, _SILENCE))
         except (av.FFmpegError, OSError, ValueError) as error:
-            raise SourceError(f"{name} cannot be opened: {_reason(error)}", spec=url) from None
+            raise SourceError(f"{name} cannot be opened: {_reason_of(error)}", spec=url) from None
         try:
             check_stream(self._container, name)
             self._timed = self._container.format.name not in _UNTIMED
@@ -58,7 +58,7 @@ class _Stream:
                 except av.InvalidDataError:  # after a lost packet, until the next key frame
                     self._decoded = []
         except (av.FFmpegError, OSError) as error:
-            raise DeviceGoneError(_reason(error)) from None
+            raise DeviceGoneError(_reason_of(error)) from None
         frame = self._decoded.pop(0)
         timed = self._timed and frame.pts is not None
         return upright_image(frame), float(frame.pts * (frame.time_base or self._base)) if timed else None
@@ -67,7 +67,7 @@ class _Stream:
         self._container.close()
 
 
-def _reason(error: Exception) -> str:
+def _reason_of(error: Exception) -> str:
     import av
 
     if isinstance(error, av.ExitError):  # FFmpeg's word for a time that has run out

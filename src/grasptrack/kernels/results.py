@@ -331,6 +331,17 @@ class FusedPose(NamedTuple):
     P: Floats
 
 
+class RepeatedPatches(NamedTuple):
+    """Patches that repeat the last image though they moved: no two exposures are alike to the grey level, an encoder left them.
+
+    Grey levels^2, the sum of what the motion changes of each patch; of those that repeat the last image the sum of that times
+    the square of their way, work px.
+    """
+
+    change: float
+    way: float
+
+
 class PinholeMisfit(NamedTuple):
     """(2,) what a pinhole does not let a plane do; (2, 8) its derivatives by the pose, (2, 3) by camera and plane."""
 

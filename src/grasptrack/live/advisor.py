@@ -116,10 +116,10 @@ class Advisor:
         self._changed = threading.Condition()
         self._jobs: deque[_Job] = deque()
         self._closed = False
-        self._thread = threading.Thread(target=self._work, name="grasptrack-advisor", daemon=True)
+        self._thread = threading.Thread(target=self._do_jobs, name="grasptrack-advisor", daemon=True)
         self._thread.start()
 
-    def ask(self, work: Callable[[], Any], key: str = "") -> None:
+    def add_job(self, work: Callable[[], Any], key: str = "") -> None:
         """Add work; what waits under the same key, unless that is empty, is not done any more."""
         with self._changed:
             if key:
@@ -135,7 +135,7 @@ class Advisor:
             self._changed.notify_all()
         self._thread.join(seconds)
 
-    def _work(self) -> None:
+    def _do_jobs(self) -> None:
         while True:
             with self._changed:
                 while not self._jobs and not self._closed:
@@ -151,11 +151,11 @@ class Advisor:
                 self._answer(found)
 
 
-def propose(question: int, number: int, arrival: Arrival, meant: FirstImage, settings: Settings) -> Proposal:
+def propose_object(question: int, number: int, arrival: Arrival, meant: FirstImage, settings: Settings) -> Proposal:
     """A tracker that has seen an image with what was said of it; errors are told in the answer."""
     asked = Proposal(question, number, meant)
     try:
-        tracker = settings.tracker(meant)
+        tracker = settings.make_tracker(meant)
         result = tracker.update(arrival.frame.image, time=arrival.frame.time)
     except GraspTrackError as error:
         return replace(asked, error=str(error))
@@ -163,7 +163,7 @@ def propose(question: int, number: int, arrival: Arrival, meant: FirstImage, set
     return replace(asked, tracker=tracker, result=result, candidates=candidates, scene=tracker.first_scene)
 
 
-def judge(question: int, scene: FirstScene) -> Verdict:
+def judge_object(question: int, scene: FirstScene) -> Verdict:
     """How well the object that was chosen can be tracked; where that cannot be told, why."""
     try:
         found = inspect_scene(scene)
@@ -179,7 +179,7 @@ class WireDesk:
         self._image: int | None = None
         self._wire: LiveWire | None = None
 
-    def step(self, command: Wire, arrival: Arrival) -> WireState:
+    def take_step(self, command: Wire, arrival: Arrival) -> WireState:
         """The wire after a step; what cannot be done is told in the answer, and the wire stays as it was."""
         hover, error = None, ""
         if self._wire is None or self._image != command.image:
@@ -220,4 +220,4 @@ def outline_under(command: Hover, arrival: Arrival, settings: Settings) -> Hover
         return empty
     inside = (np.asarray(regions[0].mask) > 0.5).astype(np.uint8)
     shapes = trace_silhouettes(inside, LEAST_HOVER, holes=False)
-    return HoverOutline(command.image, shapes[0].ring(HOVER_POINTS)) if shapes else empty
+    return HoverOutline(command.image, shapes[0].boundary_points(HOVER_POINTS)) if shapes else empty

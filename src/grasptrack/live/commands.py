@@ -138,7 +138,7 @@ class Fingertips:
     beyond_m: float = 0.0
     symmetric: bool = True
 
-    def goal(self) -> Goal:
+    def servo_goal(self) -> Goal:
         """The servo's goal.
 
         Raises:
@@ -200,16 +200,16 @@ def command_of(content: dict[str, Any]) -> Command:
     name = content.get("do")
     kind = COMMANDS.get(name) if isinstance(name, str) else None
     if kind is None:
-        raise InputError(f"unknown command {_short(name)}; there are {', '.join(COMMANDS)}")
+        raise InputError(f"unknown command {_short_json(name)}; there are {', '.join(COMMANDS)}")
     told = {key: value for key, value in content.items() if key != "do"}
     types, known = get_type_hints(kind), {field.name: field for field in fields(kind)}
     for key in told:
         if key not in known:
-            raise InputError(f'"{name}" has no {_short(key)}; it has {", ".join(known) or "nothing"}')
+            raise InputError(f'"{name}" has no {_short_json(key)}; it has {", ".join(known) or "nothing"}')
     missing = [key for key, field in known.items() if field.default is MISSING and key not in told]
     if missing:
         raise InputError(f'"{name}" lacks {", ".join(missing)}')
-    command: Command = kind(**{key: _value(value, types[key], f"{name}.{key}") for key, value in told.items()})
+    command: Command = kind(**{key: _parse_value(value, types[key], f"{name}.{key}") for key, value in told.items()})
     _check_ranges(command)
     return command
 
@@ -227,7 +227,7 @@ def _check_ranges(command: Command) -> None:
         raise InputError(f"candidates are numbered 1 to 3, not {command.number}")
 
 
-def _value(value: Any, wanted: Any, name: str) -> Any:
+def _parse_value(value: Any, wanted: Any, name: str) -> Any:
     """A value of a field's type.
 
     Raises:
@@ -235,40 +235,40 @@ def _value(value: Any, wanted: Any, name: str) -> Any:
     """
     if wanted is bool:
         if not isinstance(value, bool):
-            raise InputError(f"{name} is true or false, not {_short(value)}")
+            raise InputError(f"{name} is true or false, not {_short_json(value)}")
         return value
     if wanted is int:
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < LARGEST_NUMBER:
-            raise InputError(f"{name} is a whole number from 0, not {_short(value)}")
+            raise InputError(f"{name} is a whole number from 0, not {_short_json(value)}")
         return value
     if wanted is float:
-        return _number(value, name)
+        return _parse_number(value, name)
     if wanted == Points:
-        return _points(value, name)
+        return _parse_points(value, name)
     choices = get_args(wanted)
     if value not in choices or not isinstance(value, str):
-        raise InputError(f"{name} is one of {', '.join(choices)}, not {_short(value)}")
+        raise InputError(f"{name} is one of {', '.join(choices)}, not {_short_json(value)}")
     return value
 
 
-def _number(value: Any, name: str) -> float:
+def _parse_number(value: Any, name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= FARTHEST:
-        raise InputError(f"{name} is a number between -1e6 and 1e6, not {_short(value)}")
+        raise InputError(f"{name} is a number between -1e6 and 1e6, not {_short_json(value)}")
     return float(value)
 
 
-def _points(value: Any, name: str) -> Points:
+def _parse_points(value: Any, name: str) -> Points:
     if not isinstance(value, list) or len(value) > MOST_POINTS:
-        raise InputError(f"{name} is a list of at most {MOST_POINTS} points [x, y], not {_short(value)}")
+        raise InputError(f"{name} is a list of at most {MOST_POINTS} points [x, y], not {_short_json(value)}")
     out = []
     for point in value:
         if not isinstance(point, list) or len(point) != 2:
-            raise InputError(f"{name} is a list of points [x, y], not {_short(point)}")
-        out.append((_number(point[0], name), _number(point[1], name)))
+            raise InputError(f"{name} is a list of points [x, y], not {_short_json(point)}")
+        out.append((_parse_number(point[0], name), _parse_number(point[1], name)))
     return tuple(out)
 
 
-def _short(value: Any) -> str:
+def _short_json(value: Any) -> str:
     """A value in a few characters, on one line."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)

@@ -39,12 +39,12 @@ class Curves:
 
     def add(self, result: TrackResult) -> None:
         """Add an image's."""
-        point = CurvePoint(*(plain_value(NAMED[name].shown(result)) for name in _DRAWN))
+        point = CurvePoint(*(plain_value(NAMED[name].shown_value(result)) for name in _DRAWN))
         with self._turn:
             self._points.append(point)
             self._count += 1
 
-    def since(self, count: int) -> tuple[int, list[CurvePoint]]:
+    def points_since(self, count: int) -> tuple[int, list[CurvePoint]]:
         """How many were added so far, and those after the first `count` that are kept."""
         with self._turn:
             new = min(self._count - count, len(self._points))

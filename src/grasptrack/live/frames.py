@@ -45,7 +45,7 @@ class Painter:
         self._image, self._jpeg = 0, b""
         self._number, self._head = 0, b""
 
-    def message(self, shown: Shown, has: int, curves: Sequence[CurvePoint] = ()) -> bytes:
+    def message_for(self, shown: Shown, has: int, curves: Sequence[CurvePoint] = ()) -> bytes:
         """The message for a page that has the image of number `has` already, with the points that its curves lack."""
         if shown.number != self._number:
             self._number, self._head = shown.number, moment_to_json(shown)
@@ -82,7 +82,7 @@ def moment_to_json(shown: Shown) -> bytes:
     if shown.arrival is not None:
         frame = shown.arrival.frame
         content["size"] = [frame.image.shape[1], frame.image.shape[0]]
-        content["time"] = None if frame.time is None else _finite(frame.time)
+        content["time"] = None if frame.time is None else _finite_or_none(frame.time)
         content["name"] = frame.name
         content["taken_ms"] = 1e3 * (time.time() - time.perf_counter() + shown.arrival.at)
     return json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
@@ -98,7 +98,7 @@ _FIELDS = {
 
 def _result_entry(result: TrackResult) -> dict[str, Any]:
     entry: dict[str, Any] = {
-        **{key: plain_value(NAMED[name].shown(result)) for key, name in _FIELDS.items()},
+        **{key: plain_value(NAMED[name].shown_value(result)) for key, name in _FIELDS.items()},
         "notice": SENTENCES.get(result.notice, "") if result.notice else "",
         "object_sure": result.object_sure,
         "outlines": [] if result.view is None else [_line(c.points) for c in result.view.contours],
@@ -108,15 +108,15 @@ def _result_entry(result: TrackResult) -> dict[str, Any]:
         entry["contacts"] = np.round(result.contacts, DIGITS).tolist()
         entry["seen"] = None if result.seen is None else result.seen.tolist()
         entry["cones"] = [_line(cone) for cone in friction_cones(result, cone_length(result.contacts, 1.0))]
-        entry["sigmas"] = None if result.covariance is None else _sigmas(result.covariance)
+        entry["sigmas"] = None if result.covariance is None else _contact_sigmas(result.covariance)
     return entry
 
 
-def _sigmas(covariance: Floats) -> list[float | None]:
+def _contact_sigmas(covariance: Floats) -> list[float | None]:
     """px, rms error of each contact."""
     with np.errstate(over="ignore", invalid="ignore"):
         variances = covariance[:, 0, 0] + covariance[:, 1, 1]
-    return [_finite(round(math.sqrt(v), DIGITS)) if 0.0 <= v < math.inf else None for v in variances.tolist()]
+    return [_finite_or_none(round(math.sqrt(v), DIGITS)) if 0.0 <= v < math.inf else None for v in variances.tolist()]
 
 
 def _candidate_entries(proposal: Proposal) -> list[dict[str, Any]]:
@@ -162,5 +162,5 @@ def _line(points: Floats | None) -> list[int]:
     return whole
 
 
-def _finite(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None

@@ -56,9 +56,9 @@ class Guard:
             await self._app(scope, receive, send)
             return
         headers = {key.lower(): value.decode("latin-1") for key, value in scope["headers"]}
-        refusal = self._refusal(scope, headers)
+        refusal = self._refusal_reason(scope, headers)
         if refusal:
-            await _refuse(scope, receive, send, refusal)
+            await _send_refusal(scope, receive, send, refusal)
             return
         sets_cookie = self._token is not None and not self._has_cookie(headers)
 
@@ -73,7 +73,7 @@ class Guard:
 
         await self._app(scope, receive, send_guarded)
 
-    def _refusal(self, scope: Scope, headers: dict[bytes, str]) -> str:
+    def _refusal_reason(self, scope: Scope, headers: dict[bytes, str]) -> str:
         """Why a request is refused, in one line; empty where it is not."""
         host = headers.get(b"host", "")
         if not self._knows_host(host):
@@ -129,7 +129,7 @@ def _is_address(name: str) -> bool:
     return True
 
 
-async def _refuse(scope: Scope, receive: Receive, send: Send, line: str) -> None:
+async def _send_refusal(scope: Scope, receive: Receive, send: Send, line: str) -> None:
     if scope["type"] == "websocket":
         await receive()
         await send({"type": "websocket.close", "code": 1008, "reason": line})

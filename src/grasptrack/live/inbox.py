@@ -39,7 +39,7 @@ class KeptImages:
         while len(self._kept) > most_held(arrival.frame.image):
             self._kept.popitem(last=False)
 
-    def get(self, image: int) -> Arrival:
+    def get_image(self, image: int) -> Arrival:
         """An image that a person saw.
 
         Raises:
@@ -71,16 +71,16 @@ class Inbox:
             self._told.append(what)
             self._changed.notify_all()
 
-    def replace(self, arrival: Arrival) -> None:
-        """An image of a live source: one that was not looked at yet is dropped, but after `keep`."""
+    def replace_image(self, arrival: Arrival) -> None:
+        """An image of a live source: one that was not looked at yet is dropped, but after `keep_images`."""
         with self._changed:
             self._waiting.add(arrival, arrival.frame.image.nbytes)
             self._changed.notify_all()
 
-    def keep(self) -> None:
+    def keep_images(self) -> None:
         """An image is held, and what comes meanwhile is to be caught up with."""
         with self._changed:
-            self._waiting.keep()
+            self._waiting.keep_all()
 
     def newest_only(self) -> None:
         """Nothing is held any more, and what came meanwhile does not matter."""
@@ -110,7 +110,7 @@ class Inbox:
             self._waiting.clear()
             self._changed.notify_all()
 
-    def take(self, wants_frame: bool, seconds: float) -> Any:
+    def take_next(self, wants_frame: bool, seconds: float) -> Any:
         """What was told, else an `Arrival` where one is wanted; None when `seconds` s have passed, or closed."""
         until = time.monotonic() + seconds
         with self._changed:

@@ -13,7 +13,8 @@ from typing import Any
 
 from grasptrack.io.base import Source
 from grasptrack.io.recording import WriterThread
-from grasptrack.io.run import FILES, Run, RunSummary, prepare_output
+from grasptrack.io.results import RunSummary
+from grasptrack.io.run import FILES, Run, prepare_output
 from grasptrack.live.advisor import Advisor
 from grasptrack.live.commands import Command
 from grasptrack.live.curves import Curves
@@ -66,7 +67,7 @@ class SessionLoop(ABC):
         self._listeners: list[Listener] = []
         self._stopping = threading.Event()
         run = contextvars.copy_context().run  # limits of size hold in the thread, too
-        self._thread = threading.Thread(target=run, args=(self._go,), name="grasptrack-session", daemon=True)
+        self._thread = threading.Thread(target=run, args=(self._run_session,), name="grasptrack-session", daemon=True)
         self._advisor = Advisor(lambda found: self._inbox.tell(found, bounded=False))
         self._player: Player | None = None
         # Where the source waits, so does the tracker, and a recording misses nothing; a camera's images would be missed.
@@ -101,16 +102,16 @@ class SessionLoop(ABC):
         """Whether its thread goes on."""
         return self._thread.is_alive()
 
-    def listen(self, listener: Listener) -> Callable[[], None]:
+    def add_listener(self, listener: Listener) -> Callable[[], None]:
         """Have something called with every moment, in the session's thread: it must not wait. Returns what ends it."""
         self._listeners = [*self._listeners, listener]
 
-        def end() -> None:
+        def remove_listener() -> None:
             self._listeners = [other for other in self._listeners if other is not listener]
 
-        return end
+        return remove_listener
 
-    def tell(self, command: Command) -> None:
+    def send_command(self, command: Command) -> None:
         """Say something; what cannot be done is told in `Shown.notice`.
 
         Raises:
@@ -118,7 +119,7 @@ class SessionLoop(ABC):
         """
         self._inbox.tell(command)
 
-    def file(self, name: str) -> Path | None:
+    def written_file(self, name: str) -> Path | None:
         """A file of the run by its name; None for anything that this session did not write."""
         path = self._output / name if name in self._shown.files else None
         return path if path is not None and path.is_file() else None
@@ -134,7 +135,7 @@ class SessionLoop(ABC):
         if self._thread.ident is not None:
             self._thread.join()
         elif not self._ended:
-            self._end("interrupted", "")
+            self._end_session("interrupted", "")
         return self.summary
 
     def wait_for(self, wanted: Callable[[Shown], bool], seconds: float) -> bool:
@@ -144,27 +145,27 @@ class SessionLoop(ABC):
 
     # --- the thread ------------------------------------------------------------------------------
 
-    def _go(self) -> None:
+    def _run_session(self) -> None:
         ended, error = "interrupted", ""
         try:
-            self._play()
+            self._start_player()
             while not self._stopping.is_set():
-                what = self._inbox.take(self._wants_image, 1.0)
+                what = self._inbox.take_next(self._wants_image, 1.0)
                 if what is not None:
-                    self._take(what)
+                    self._handle_input(what)
             if self._shown.phase in ("ended", "failed"):
                 ended = "finished" if self._shown.phase == "ended" else "failed"
                 error = self._shown.notice[1] if self._shown.phase == "failed" else ""
         except OSError as problem:
             ended, error = "failed", f'"{self._output}" cannot be written: {problem.strerror or problem}'
-            self._show(phase="failed", notice=self._note(error))
+            self._set_shown(phase="failed", notice=self._note(error))
         except Exception as problem:  # a defect of ours: the page says so, and what was computed stays
             ended, error = "failed", f"internal error, {type(problem).__name__}: {' '.join(str(problem).split())}"
-            self._show(phase="failed", notice=self._note(error))
+            self._set_shown(phase="failed", notice=self._note(error))
         finally:
-            self._end(ended, error)
+            self._end_session(ended, error)
 
-    def _end(self, ended: str, error: str) -> None:
+    def _end_session(self, ended: str, error: str) -> None:
         self._ended = True
         if self._player is not None:
             self._player.stop()
@@ -174,11 +175,11 @@ class SessionLoop(ABC):
         if self._player is not None:
             self._player.join(PATIENCE)
         try:
-            self.summary = self._run.finish(ended, error, self._recordings.figures)
+            self.summary = self._run.close_files(ended, error, self._recordings.figures)
         except OSError as problem:
             if not error:  # else what came first is to be told
                 line = f'"{self._output}" cannot be written: {problem.strerror or problem}'
-                self._show(phase="failed", notice=self._note(line))
+                self._set_shown(phase="failed", notice=self._note(line))
 
     @property
     @abstractmethod
@@ -186,10 +187,10 @@ class SessionLoop(ABC):
         """Whether the next image is to be taken."""
 
     @abstractmethod
-    def _take(self, what: Any) -> None:
+    def _handle_input(self, what: Any) -> None:
         """What came: an image, a helper's answer, or a person's word."""
 
-    def _play(self) -> None:
+    def _start_player(self) -> None:
         """Read the source from its start."""
         if self._player is not None:
             self._player.stop()
@@ -201,18 +202,18 @@ class SessionLoop(ABC):
 
     # --- files, and what is shown ----------------------------------------------------------------
 
-    def _record(self, on: bool) -> None:
+    def _toggle_recording(self, on: bool) -> None:
         if on:
             self._recordings.start()
         else:
             self._recordings.stop()
-        self._show()
+        self._set_shown()
 
     def _on_recorded(self, recorder: WriterThread) -> None:
-        self._recordings.forget(recorder)
+        self._recordings.forget_recorder(recorder)
         if recorder.path.is_file():
             self._add_file(recorder.path.name)
-        self._show(notice=self._note(describe_recording(recorder)))
+        self._set_shown(notice=self._note(describe_recording(recorder)))
 
     def _add_file(self, name: str) -> None:
         if name not in self._files:
@@ -222,7 +223,7 @@ class SessionLoop(ABC):
         """A line for people."""
         return self._shown.notice[0] + 1, " ".join(text.split())
 
-    def _show(self, **changed: Any) -> None:
+    def _set_shown(self, **changed: Any) -> None:
         written, dropped = self._recordings.counts
         now = {"recording": self._recordings.name, "recorded": written, "dropped": dropped, "files": tuple(self._files)}
         with self._changed:

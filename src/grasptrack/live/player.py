@@ -41,9 +41,9 @@ class Player:
         self._source, self._inbox, self._run, self._pace = source, inbox, run, pace
         self._stopping = threading.Event()
         if hasattr(source, "on_wait"):  # a live source asks it while no image comes
-            source.on_wait = self._leave
+            source.on_wait = self._raise_if_stopping
         inside = contextvars.copy_context().run  # limits of size hold in the thread, too
-        self._thread = threading.Thread(target=inside, args=(self._play,), name="grasptrack-player", daemon=True)
+        self._thread = threading.Thread(target=inside, args=(self._read_frames,), name="grasptrack-player", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
@@ -54,15 +54,15 @@ class Player:
         """Wait until the source is closed, s at most."""
         self._thread.join(seconds)
 
-    def _leave(self) -> None:
+    def _raise_if_stopping(self) -> None:
         if self._stopping.is_set():
             raise _StoppedError
 
-    def _play(self) -> None:
+    def _read_frames(self) -> None:
         error, note = "", ""
         try:
             with self._source as source:
-                clock = _Clock(source)
+                clock = _PlaybackClock(source)
                 for frame in source:
                     if self._pace and not source.live:
                         self._stopping.wait(clock.wait_for(frame))
@@ -70,7 +70,7 @@ class Player:
                         return
                     arrival = Arrival(frame, time.perf_counter(), self._run)
                     if source.live:
-                        self._inbox.replace(arrival)
+                        self._inbox.replace_image(arrival)
                     elif not self._inbox.hand_over(arrival):
                         return
                 self._inbox.wait_taken()
@@ -89,7 +89,7 @@ class _StoppedError(Exception):
     """Nobody wants to wait for a device any more."""
 
 
-class _Clock:
+class _PlaybackClock:
     """When the next image of a file is due; one that comes late, as after a pause, moves those after it."""
 
     def __init__(self, source: Source) -> None:

@@ -105,7 +105,7 @@ class Recordings:
             self._ending.append(self._present)
             self._present = None
 
-    def forget(self, recorder: WriterThread) -> None:
+    def forget_recorder(self, recorder: WriterThread) -> None:
         """Of one that has ended."""
         self._present = None if self._present is recorder else self._present
         self._ending = [other for other in self._ending if other is not recorder]
@@ -117,7 +117,7 @@ class Recordings:
         self.stop()
         for recorder in self._ending:
             recorder.join()
-            self.forget(recorder)
+            self.forget_recorder(recorder)
 
 
 def describe_recording(recorder: WriterThread) -> str:

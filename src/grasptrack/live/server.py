@@ -66,7 +66,7 @@ class PageServer:
         host: address to bind; any but the machine's own makes a token, without which nothing is answered.
         port: 0 takes a free one.
         token: that requests have to know; None makes one where it is needed.
-        listener: what `bind` gave for this address, where it was to be known to be free before the session.
+        listener: what `bind_socket` gave for this address, where it was to be known to be free before the session.
 
     Attributes:
         url: of the page, with the token where there is one.
@@ -84,11 +84,11 @@ class PageServer:
         token: str | None = None,
         listener: socket.socket | None = None,
     ) -> None:
-        self._socket = bind(host, port) if listener is None else listener
+        self._socket = bind_socket(host, port) if listener is None else listener
         self.port: int = self._socket.getsockname()[1]
         self.token = token if token is not None or host in LOOPBACK else secrets.token_urlsafe(24)
         self.hub = Hub(session)
-        app = Guard(application(session, self.hub), host, self.port, self.token)
+        app = Guard(make_application(session, self.hub), host, self.port, self.token)
         config = uvicorn.Config(
             app,
             lifespan="off",
@@ -102,7 +102,7 @@ class PageServer:
             timeout_graceful_shutdown=1,
         )
         self._server = uvicorn.Server(config)
-        self._thread = threading.Thread(target=self._serve, name="grasptrack-page", daemon=True)
+        self._thread = threading.Thread(target=self._serve_pages, name="grasptrack-page", daemon=True)
         shown = f"[{host}]" if ":" in host else host
         self.url = f"http://{shown}:{self.port}/" + (f"?token={self.token}" if self.token is not None else "")
 
@@ -121,7 +121,7 @@ class PageServer:
         self.hub.close()
         self._socket.close()
 
-    def _serve(self) -> None:
+    def _serve_pages(self) -> None:
         self._server.run(sockets=[self._socket])
 
 
@@ -142,17 +142,17 @@ class Hub:
         self._waiting: set[asyncio.Event] = set()
         self._unlisten: Callable[[], None] | None = None
 
-    def enter(self) -> bool:
+    def add_client(self) -> bool:
         """A browser comes; False where there are too many."""
         if self.clients >= MOST_CLIENTS:
             return False
         self.clients += 1
         if self._unlisten is None:
             self._loop = asyncio.get_running_loop()
-            self._unlisten = self.session.listen(self._on_moment)
+            self._unlisten = self.session.add_listener(self._on_moment)
         return True
 
-    def leave(self) -> None:
+    def remove_client(self) -> None:
         """A browser goes."""
         self.clients -= 1
         if not self.clients and self._unlisten is not None:
@@ -172,12 +172,12 @@ class Hub:
                 self._waiting.discard(event)
         return self.session.shown
 
-    async def message(self, shown: Shown, has: int, curves: Sequence[CurvePoint]) -> bytes:
+    async def encode_message(self, shown: Shown, has: int, curves: Sequence[CurvePoint]) -> bytes:
         """What a browser is sent; made off the tracker's thread and off the server's."""
         loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self._encoder, self._painter.message, shown, has, curves)
+        return await loop.run_in_executor(self._encoder, self._painter.message_for, shown, has, curves)
 
-    def drawn(self, shown: Shown) -> None:
+    def record_round_trip(self, shown: Shown) -> None:
         """A browser has drawn a new image."""
         if shown.arrival is not None:
             self.round_trips.append(time.perf_counter() - shown.arrival.at)
@@ -190,18 +190,18 @@ class Hub:
         """In the session's thread: wake who waits, if anybody does."""
         if self._waiting and self._loop is not None:
             with contextlib.suppress(RuntimeError):  # the server has ended
-                self._loop.call_soon_threadsafe(self._wake)
+                self._loop.call_soon_threadsafe(self._wake_clients)
 
-    def _wake(self) -> None:
+    def _wake_clients(self) -> None:
         for event in self._waiting:
             event.set()
 
 
-def application(session: LiveSession, hub: Hub) -> Starlette:
+def make_application(session: LiveSession, hub: Hub) -> Starlette:
     """The page, the run's files and the WebSocket, unguarded."""
     parts = {name: (files("grasptrack.live") / "page" / name).read_bytes() for name in PAGE}
 
-    async def page(request: Request) -> Response:
+    async def send_page(request: Request) -> Response:
         name = request.path_params.get("name", "index.html")
         if name not in parts:
             raise HTTPException(404)
@@ -209,33 +209,33 @@ def application(session: LiveSession, hub: Hub) -> Starlette:
 
     async def run_file(request: Request) -> Response:
         name = request.path_params["name"]
-        path = session.file(name)
+        path = session.written_file(name)
         if path is None:
             raise HTTPException(404)
         return _file_response(path)
 
-    async def talk(socket: WebSocket) -> None:
+    async def serve_socket(socket: WebSocket) -> None:
         await socket.accept()
-        if not hub.enter():
+        if not hub.add_client():
             await socket.close(1013, "too many pages look on")
             return
         try:
-            await Conversation(socket, session, hub).go()
+            await Conversation(socket, session, hub).run_both()
         finally:
-            hub.leave()
+            hub.remove_client()
 
-    async def refuse(request: Request, error: Exception) -> Response:
+    async def refuse_request(request: Request, error: Exception) -> Response:
         status = error.status_code if isinstance(error, HTTPException) else 500
         line = {404: "there is no such page", 405: "pages are only read"}.get(status, "this request cannot be answered")
         return PlainTextResponse(line + "\n", status)
 
     routes = [
-        Route("/", page),
-        Route("/page/{name}", page),
+        Route("/", send_page),
+        Route("/page/{name}", send_page),
         Route("/files/{name}", run_file),
-        WebSocketRoute("/socket", talk),
+        WebSocketRoute("/socket", serve_socket),
     ]
-    return Starlette(routes=routes, exception_handlers={HTTPException: refuse, Exception: refuse})
+    return Starlette(routes=routes, exception_handlers={HTTPException: refuse_request, Exception: refuse_request})
 
 
 class Conversation:
@@ -247,9 +247,9 @@ class Conversation:
         self._drawn = asyncio.Event()
         self._malformed = 0
 
-    async def go(self) -> None:
+    async def run_both(self) -> None:
         """Until one side ends it."""
-        tasks = [asyncio.create_task(self._send()), asyncio.create_task(self._receive())]
+        tasks = [asyncio.create_task(self._send_moments()), asyncio.create_task(self._receive_messages())]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -257,14 +257,14 @@ class Conversation:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def _send(self) -> None:
+    async def _send_moments(self) -> None:
         number, image, charted = 0, 0, 0
         hello = {"hello": {"hover": self._session.can_hover, "source": self._session.source_name}}
         await self._socket.send_text(json.dumps(hello))
         while True:
             shown = await self._hub.next_moment(number)
-            charted, curves = self._session.curves.since(charted)
-            message = await self._hub.message(shown, image, curves)
+            charted, curves = self._session.curves.points_since(charted)
+            message = await self._hub.encode_message(shown, image, curves)
             self._sent[shown.number] = shown if shown.image != image else None
             number, image = shown.number, shown.image
             self._drawn.clear()
@@ -275,7 +275,7 @@ class Conversation:
                 await self._drawn.wait()
                 self._drawn.clear()
 
-    async def _receive(self) -> None:
+    async def _receive_messages(self) -> None:
         with contextlib.suppress(WebSocketDisconnect):
             while True:
                 message = await self._socket.receive()
@@ -283,7 +283,7 @@ class Conversation:
                     return
                 text = message.get("text")
                 try:
-                    self._obey(text if text is not None else message.get("bytes") or b"")
+                    self._obey_message(text if text is not None else message.get("bytes") or b"")
                 except InputError as error:
                     self._malformed += 1
                     if self._malformed > FORGIVEN:
@@ -291,12 +291,12 @@ class Conversation:
                         return
                     await self._socket.send_text(json.dumps({"error": str(error)}))
 
-    def _obey(self, text: str | bytes) -> None:
+    def _obey_message(self, text: str | bytes) -> None:
         content = parse_message(text)
         if content.get("do") == "drawn":
             self._on_drawn(content.get("number"))
             return
-        self._session.tell(command_of(content))
+        self._session.send_command(command_of(content))
 
     def _on_drawn(self, number: Any) -> None:
         if isinstance(number, bool) or not isinstance(number, int):
@@ -307,10 +307,10 @@ class Conversation:
         self._sent = {other: s for other, s in self._sent.items() if other > number}
         self._drawn.set()
         if shown is not None:
-            self._hub.drawn(shown)
+            self._hub.record_round_trip(shown)
 
 
-def bind(host: str, port: int) -> socket.socket:
+def bind_socket(host: str, port: int) -> socket.socket:
     """A socket that listens.
 
     Raises:

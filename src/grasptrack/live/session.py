@@ -27,14 +27,14 @@ from grasptrack.live.advisor import (
     Verdict,
     WireDesk,
     WireState,
-    judge,
+    judge_object,
     outline_under,
-    propose,
+    propose_object,
 )
 from grasptrack.live.inbox import Arrival
 from grasptrack.live.loop import SessionLoop
 from grasptrack.live.player import Ended
-from grasptrack.live.settings import Settings, shared
+from grasptrack.live.settings import Settings, shared_segmenter
 from grasptrack.live.state import Shown
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
@@ -76,7 +76,7 @@ class LiveSession(SessionLoop):
         record_as: str = ".mp4",
         pace: bool = True,
     ) -> None:
-        self._settings = replace(settings, segmenter=shared(settings.segmenter))
+        self._settings = replace(settings, segmenter=shared_segmenter(settings.segmenter))
         self._options = dict(options or {})
         self._first_meant, self._at_once = meant or FirstImage(), at_once
         self._nothing_meant = self._first_meant.of_no_object()
@@ -100,7 +100,7 @@ class LiveSession(SessionLoop):
     def _wants_image(self) -> bool:
         return self._shown.phase in ("opening", "tracking") and not self._shown.paused
 
-    def _take(self, what: Any) -> None:
+    def _handle_input(self, what: Any) -> None:
         """What came: an image, a helper's answer, or a person's word."""
         if isinstance(what, Arrival):
             self._look_at(what)
@@ -110,21 +110,21 @@ class LiveSession(SessionLoop):
             self._on_proposal(what)
         elif isinstance(what, Verdict):
             if what.question == self._question:
-                self._show(verdict=what)
+                self._set_shown(verdict=what)
         elif isinstance(what, WireState):
-            self._show(wire=what, notice=self._note(what.error) if what.error else self._shown.notice)
+            self._set_shown(wire=what, notice=self._note(what.error) if what.error else self._shown.notice)
         elif isinstance(what, HoverOutline):
-            self._show(hover=what)
+            self._set_shown(hover=what)
         elif isinstance(what, WriterThread):
             self._on_recorded(what)
         elif isinstance(what, Failure):
             looking = self._shown.phase == "looking"
-            self._show(phase="choosing" if looking else self._shown.phase, notice=self._note(what.line))
+            self._set_shown(phase="choosing" if looking else self._shown.phase, notice=self._note(what.line))
         else:
             try:
-                self._obey(what)
+                self._obey_command(what)
             except GraspTrackError as error:
-                self._show(notice=self._note(str(error)))
+                self._set_shown(notice=self._note(str(error)))
 
     # --- images ----------------------------------------------------------------------------------
 
@@ -138,13 +138,13 @@ class LiveSession(SessionLoop):
         if self._tracker is None:
             is_first = image == self._first_image
             meant = self._first_meant if is_first else self._nothing_meant
-            self._propose(image, meant, follow=is_first and (self._at_once or meant.says_anything))
+            self._propose_object(image, meant, follow=is_first and (self._at_once or meant.says_anything))
             return
         try:
             result = self._tracker.update(arrival.frame.image, time=arrival.frame.time)
         except GraspTrackError as error:
             self._tracker = None
-            self._show(phase="failed", image=image, arrival=arrival, result=None, notice=self._note(str(error)))
+            self._set_shown(phase="failed", image=image, arrival=arrival, result=None, notice=self._note(str(error)))
             return
         self._show_result(image, arrival, result)
 
@@ -154,17 +154,17 @@ class LiveSession(SessionLoop):
             self._grasps = max(self._grasps, result.grasp_id or 0)
         phase = "ended" if self._over else "tracking"
         self.curves.add(result)
-        self._show(phase=phase, image=image, arrival=arrival, result=result, **changed)
+        self._set_shown(phase=phase, image=image, arrival=arrival, result=result, **changed)
         if image > self._recorded:
             self._recorded = image
-            self._run.record(arrival.frame, result)
+            self._run.write_frame(arrival.frame, result)
             self._recordings.add(arrival.frame, result, lambda: self._options_again(image))
 
     def _options_again(self, image: int) -> str:
         """Options that track a recording again alike which begins with an image; none, where tracking began before it."""
         if image != self._chosen_in:
             return ""
-        return tracking_options({**self._options, **self._settings.options(self._shown.meant), "sure": 0})
+        return tracking_options({**self._options, **self._settings.tracking_options(self._shown.meant), "sure": 0})
 
     def _on_end(self, end: Ended) -> None:
         if end.run != self._playing:
@@ -172,23 +172,23 @@ class LiveSession(SessionLoop):
         self._over = True
         if end.error:
             self._tracker, self._question = None, self._question + 1  # what is being looked for comes too late
-            self._show(phase="failed", notice=self._note(end.error))
+            self._set_shown(phase="failed", notice=self._note(end.error))
         elif self._shown.phase in ("tracking", "opening"):
             self._tracker = None
             said = end.note or ("the source has no image" if not self._images else "")
-            self._show(phase="ended", notice=self._note(said) if said else self._shown.notice)
+            self._set_shown(phase="ended", notice=self._note(said) if said else self._shown.notice)
 
     # --- choosing --------------------------------------------------------------------------------
 
-    def _propose(self, image: int, meant: FirstImage, *, follow: bool = False) -> None:
+    def _propose_object(self, image: int, meant: FirstImage, *, follow: bool = False) -> None:
         """Hold an image, and have an object and a grasp looked for in it."""
-        arrival = self._kept.get(image)
+        arrival = self._kept.get_image(image)
         self._tracker, self._follow_when_ready = None, follow
         if self._source.live:
-            self._inbox.keep()
+            self._inbox.keep_images()
         self._question += 1
         question, settings = self._question, self._settings
-        self._show(
+        self._set_shown(
             phase="looking",
             image=image,
             arrival=arrival,
@@ -198,7 +198,7 @@ class LiveSession(SessionLoop):
             meant=meant,
             paused=False,
         )
-        self._advisor.ask(lambda: propose(question, image, arrival, meant, settings), "propose")
+        self._advisor.add_job(lambda: propose_object(question, image, arrival, meant, settings), "propose")
 
     def _on_proposal(self, proposal: Proposal) -> None:
         if proposal.question != self._question:
@@ -206,53 +206,53 @@ class LiveSession(SessionLoop):
         meant = proposal.meant
         sure = meant.is_settled or (meant.names_object and proposal.is_sure(meant.sure))
         if proposal.tracker is not None and (self._follow_when_ready or (sure and proposal.candidates)):
-            self._follow(proposal)
+            self._follow_proposal(proposal)
             return
         self._follow_when_ready = False
         note = self._note(proposal.error) if proposal.error else self._shown.notice
         if self._source.live and not proposal.candidates and not meant.says_anything and not proposal.error:
             self._inbox.newest_only()
-            self._show(phase="opening", result=proposal.result, notice=note)  # the next image may show an object
+            self._set_shown(phase="opening", result=proposal.result, notice=note)  # the next image may show an object
             return
-        self._show(phase="choosing", proposal=proposal, result=proposal.result, notice=note)
+        self._set_shown(phase="choosing", proposal=proposal, result=proposal.result, notice=note)
         question, scene = proposal.question, proposal.scene
         if scene is not None:
-            self._advisor.ask(lambda: judge(question, scene), "judge")
+            self._advisor.add_job(lambda: judge_object(question, scene), "judge")
 
-    def _follow(self, proposal: Proposal) -> None:
+    def _follow_proposal(self, proposal: Proposal) -> None:
         """Go on with a tracker that has seen the image in which the object was chosen."""
         assert proposal.tracker is not None and proposal.result is not None
         self._question += 1  # a verdict that is on its way comes too late
         self._tracker, self._grasps_before = proposal.tracker, self._grasps
         self._chosen_in = proposal.image
         self._show_result(
-            proposal.image, self._kept.get(proposal.image), proposal.result, proposal=None, wire=None, hover=None
+            proposal.image, self._kept.get_image(proposal.image), proposal.result, proposal=None, wire=None, hover=None
         )
 
     # --- words -----------------------------------------------------------------------------------
 
-    def _obey(self, command: told.Command) -> None:
+    def _obey_command(self, command: told.Command) -> None:
         match command:
             case told.Pick(image, x, y, on):
                 here = self._meant_in(image)
-                self._propose(image, here.with_pixel((x, y), on))
+                self._propose_object(image, here.with_pixel((x, y), on))
             case told.Box(image, x, y, width, height):
                 off = self._meant_in(image).not_at
-                self._propose(image, replace(self._nothing_meant, not_at=off, box=(x, y, width, height)))
+                self._propose_object(image, replace(self._nothing_meant, not_at=off, box=(x, y, width, height)))
             case told.Contacts(image, points):
-                self._propose(image, replace(self._nothing_meant, grasp=Grasp(points)))
+                self._propose_object(image, replace(self._nothing_meant, grasp=Grasp(points)))
             case told.Outline(image, points):
-                self._propose(image, replace(self._nothing_meant, outline=np.array(points)))
+                self._propose_object(image, replace(self._nothing_meant, outline=np.array(points)))
             case told.Choose(number):
-                self._choose(number)
+                self._choose_candidate(number)
             case told.Start():
-                self._start()
+                self._start_tracking()
             case told.Pause(paused):
                 if self._source.live:
                     self._inbox.newest_only()
-                self._show(paused=paused)
+                self._set_shown(paused=paused)
             case told.Restart():
-                self._restart()
+                self._restart_source()
             case told.Rechoose():
                 self._choose_again()
             case told.Friction(value):
@@ -260,24 +260,24 @@ class LiveSession(SessionLoop):
             case told.Fingers(count):
                 self._set_fingers(count)
             case told.Wire():
-                arrival = self._kept.get(command.image)
+                arrival = self._kept.get_image(command.image)
                 key = "wire-hover" if command.step == "hover" else ""
-                self._advisor.ask(lambda: self._desk.step(command, arrival), key)
+                self._advisor.add_job(lambda: self._desk.take_step(command, arrival), key)
             case told.Hover():
-                self._hover(command)
+                self._ask_hover(command)
             case told.Fingertips():
-                command.goal().save(self._output / GOAL)
+                command.servo_goal().save(self._output / GOAL)
                 self._add_file(GOAL)
-                self._show(notice=self._note(f"{GOAL} is written: Goal.load reads it"))
+                self._set_shown(notice=self._note(f"{GOAL} is written: Goal.load reads it"))
             case told.Record(on):
-                self._record(on)
+                self._toggle_recording(on)
 
     def _meant_in(self, image: int) -> FirstImage:
         """What was said of an image before."""
         shown = self._shown
         return shown.meant if shown.phase in ("looking", "choosing") and shown.image == image else self._nothing_meant
 
-    def _choose(self, number: int) -> None:
+    def _choose_candidate(self, number: int) -> None:
         proposal = self._shown.proposal
         if proposal is None or number > len(proposal.candidates):
             there = 0 if proposal is None else len(proposal.candidates)
@@ -285,64 +285,64 @@ class LiveSession(SessionLoop):
         if number == 1 and proposal.tracker is not None:
             proposal.tracker.object_sure = True  # a person said so
             result = None if proposal.result is None else replace(proposal.result, object_sure=True)
-            self._follow(replace(proposal, result=result))
+            self._follow_proposal(replace(proposal, result=result))
             return
-        self._propose(proposal.image, replace(proposal.meant, number=number), follow=True)
+        self._propose_object(proposal.image, replace(proposal.meant, number=number), follow=True)
 
-    def _start(self) -> None:
+    def _start_tracking(self) -> None:
         proposal = self._shown.proposal
         if self._shown.phase == "looking":
             self._follow_when_ready = True
         elif self._shown.phase != "choosing" or proposal is None or proposal.tracker is None:
             raise InputError("there is nothing to start: choose an object first")
         elif proposal.candidates:
-            self._choose(1)
+            self._choose_candidate(1)
         else:
-            self._follow(proposal)  # it looks for the object in the images that follow
+            self._follow_proposal(proposal)  # it looks for the object in the images that follow
 
-    def _restart(self) -> None:
+    def _restart_source(self) -> None:
         again = self._shown.meant if self._shown.image == self._first_image else self._first_meant
         self._first_meant = self._nothing_meant if self._source.live else again
         self._tracker = None
-        self._play()
-        self._show(phase="opening", paused=False, result=None, proposal=None, verdict=None, wire=None, hover=None)
+        self._start_player()
+        self._set_shown(phase="opening", paused=False, result=None, proposal=None, verdict=None, wire=None, hover=None)
 
     def _choose_again(self) -> None:
         self._tracker, self._question = None, self._question + 1
         if self._source.live and self._shown.phase not in ("ended", "failed"):
             self._inbox.newest_only()
             cleared: dict[str, Any] = {"result": None, "proposal": None, "verdict": None, "wire": None, "hover": None}
-            self._show(phase="opening", paused=False, meant=self._nothing_meant, **cleared)
+            self._set_shown(phase="opening", paused=False, meant=self._nothing_meant, **cleared)
         else:
-            self._propose(self._shown.image, self._nothing_meant)
+            self._propose_object(self._shown.image, self._nothing_meant)
 
     def _set_friction(self, value: float) -> None:
         self._settings = replace(self._settings, friction=value)
-        self._show(friction=value)
+        self._set_shown(friction=value)
         if self._tracker is not None:
             self._tracker.friction = value
         elif self._shown.phase in ("choosing", "looking"):
-            self._propose(self._shown.image, self._shown.meant)
+            self._propose_object(self._shown.image, self._shown.meant)
 
     def _set_fingers(self, count: int) -> None:
-        self._settings.tracker(self._nothing_meant)  # as it is now, it is known to be good
+        self._settings.make_tracker(self._nothing_meant)  # as it is now, it is known to be good
         settings = replace(self._settings, fingers=count)
-        settings.tracker(self._nothing_meant)
+        settings.make_tracker(self._nothing_meant)
         self._settings = settings
         shown = self._shown
-        self._show(fingers=count)
+        self._set_shown(fingers=count)
         if shown.phase in ("choosing", "looking"):
-            self._propose(shown.image, replace(shown.meant, grasp=None))
+            self._propose_object(shown.image, replace(shown.meant, grasp=None))
         elif self._tracker is not None and shown.result is not None and shown.result.located and shown.result.view:
             outline = shown.result.view.outer.points
             corners = outline[:: max(1, len(outline) // CORNERS)]
-            self._propose(shown.image, replace(self._nothing_meant, outline=corners))
+            self._propose_object(shown.image, replace(self._nothing_meant, outline=corners))
         elif self._tracker is not None:
-            self._show(
+            self._set_shown(
                 notice=self._note("the number of fingers counts from the next choice on: the object is not located now")
             )
 
-    def _hover(self, command: told.Hover) -> None:
+    def _ask_hover(self, command: told.Hover) -> None:
         if self.can_hover:
-            arrival, settings = self._kept.get(command.image), self._settings
-            self._advisor.ask(lambda: outline_under(command, arrival, settings), "hover")
+            arrival, settings = self._kept.get_image(command.image), self._settings
+            self._advisor.add_job(lambda: outline_under(command, arrival, settings), "hover")

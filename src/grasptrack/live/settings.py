@@ -32,9 +32,10 @@ class Settings:
     segmenter: Segmenter | None = None
     camera: Camera | None = None
     length: float | None = None
+    pixel_aspect: float | None = None
     resynthesize: bool = False
 
-    def options(self, meant: FirstImage) -> dict[str, Any]:
+    def tracking_options(self, meant: FirstImage) -> dict[str, Any]:
         """As options of `grasptrack track`, by their names; images, hands and nets are none of it."""
         return {
             "strategy": self.strategy,
@@ -51,14 +52,14 @@ class Settings:
             "choose": meant.number,
         }
 
-    def tracker(self, meant: FirstImage) -> GraspTracker:
+    def make_tracker(self, meant: FirstImage) -> GraspTracker:
         """A tracker that has seen no image.
 
         Raises:
             InputError: what does not go together.
         """
         return GraspTracker(
-            **meant.arguments(),
+            **meant.tracker_arguments(),
             fingers=self.fingers if meant.grasp is None else len(meant.grasp),
             strategy=self.strategy,
             friction=self.friction,
@@ -67,6 +68,7 @@ class Settings:
             segmenter=self.segmenter,
             camera=self.camera,
             length=self.length,
+            pixel_aspect=self.pixel_aspect,
             resynthesize=self.resynthesize,
         )
 
@@ -83,6 +85,6 @@ class TurnTaking:
             return self._segmenter.regions(image, hints)
 
 
-def shared(segmenter: Segmenter | None) -> Segmenter | None:
+def shared_segmenter(segmenter: Segmenter | None) -> Segmenter | None:
     """A segmenter that two threads may ask. A user's own segmentation stays what it is: trackers know it by its type."""
     return segmenter if segmenter is None or isinstance(segmenter, OneMask) else TurnTaking(segmenter)

@@ -4,14 +4,14 @@
 from grasptrack.matching.hypotheses import match_outlines, refine_homographies
 from grasptrack.matching.rating import Match, MatchOutcome, judge_hypotheses
 from grasptrack.matching.samples import Sampled
-from grasptrack.matching.symmetry import Symmetries, Symmetry, find_symmetries
+from grasptrack.matching.symmetry import Symmetries, SymmetryTurn, find_symmetries
 
 __all__ = [
     "Match",
     "MatchOutcome",
     "Sampled",
     "Symmetries",
-    "Symmetry",
+    "SymmetryTurn",
     "find_symmetries",
     "judge_hypotheses",
     "match_outlines",

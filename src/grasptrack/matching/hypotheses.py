@@ -97,9 +97,9 @@ def _to_image_coordinates(m: Match, a: Sampled, b: Sampled) -> Match:
 def _refine_starts(begun: Floats, a: Sampled, b: Sampled) -> list[Match]:
     """Distinct hypotheses that starts (k, 9) lead to, the least misfit first."""
     found = _refine_fine(_refine_coarse(begun, a, b), a, b)
-    if found and len(a.twins):  # what nearly lies on itself must lie there in the best of its ways
+    if found and len(a.self_alignments):  # what nearly lies on itself must lie there in the best of its ways
         best = found[0].homography
-        ways = (best @ a.twins.reshape(-1, 3, 3)).reshape(-1, 9)
+        ways = (best @ a.self_alignments.reshape(-1, 3, 3)).reshape(-1, 9)
         found = _merge_duplicates(found + _refine_fine(_refine_coarse(ways / ways[:, 8:], a, b), a, b, len(ways)), a)
     return found if len(found) < 2 else _refine_to_convergence(found, a, b)
 

@@ -61,7 +61,7 @@ class Match(NamedTuple):
     slack: float = math.nan
 
     @property
-    def slides(self) -> bool:
+    def can_slide(self) -> bool:
         """Whether the outline is free to slide along itself; False where the slack is not known."""
         return self.slack <= max(SLIDES * self.size, SLIDES_NOISE * self.residual)
 
@@ -116,7 +116,7 @@ def perturb_homography(H: Floats, a: Sampled, shares: tuple[float, ...]) -> Floa
     It moves the farthest point by each of the `shares` of sqrt(area). What is free to slide, a disc, an ellipse, stays
     on itself.
     """
-    centre, radius, softest = a.softest
+    centre, radius, softest = a.softest_direction
     rows = []
     for share in shares:
         little = near_identity(share * a.size / STEPS * softest, centre, radius)
@@ -170,7 +170,7 @@ def judge_hypotheses(found: list[Match]) -> MatchOutcome:
         reason = f"a piece of the outline does not fit, and the rest only to {least.residual:.1f} px"
         return MatchOutcome("ambiguous", least, [m for m in found if m is not least and fits_alike(m, least)], reason)
     alike = sorted((m for m in found if fits_alike(m, least)), key=lambda m: m.stretch)
-    if len(alike) == 1 and least.slides:
+    if len(alike) == 1 and least.can_slide:
         return MatchOutcome(
             "ambiguous", least, [], "the outline slides along itself: nothing tells how far it turned or tilted"
         )

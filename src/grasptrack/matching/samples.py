@@ -61,7 +61,7 @@ class Sampled:
         self.outer: Floats = outer - self.centre
 
     @cached_property
-    def softest(self) -> tuple[Floats, float, Floats]:
+    def softest_direction(self) -> tuple[Floats, float, Floats]:
         """Centre (2,) and radius in px, and (8,) parameters of the homography near the identity that the normals show
         least, such that it moves the farthest point by 1 px."""
         centre = self.points.mean(axis=0)
@@ -73,7 +73,7 @@ class Sampled:
         return centre, radius, mode / (radius * math.sqrt(float(((fields @ mode) ** 2).sum(axis=1).max())))
 
     @cached_property
-    def twins(self) -> Floats:
+    def self_alignments(self) -> Floats:
         """(k, 9) affine maps after which the outer contour lies on itself or nearly, without the identity."""
         found = kernels.initial_alignments(self.outer, self.outer, np.zeros((1, 2)), TWIN_COUNT, TWIN_APART, TWINS + 1)
         own = np.abs(np.mod(found[:, 1] + 0.5, 1.0) - 0.5) < TWIN_APART

@@ -29,7 +29,7 @@ BESIDE = math.radians(2.5)
 GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 
 
-class Symmetry(NamedTuple):
+class SymmetryTurn(NamedTuple):
     """A turn of the object after which its outline lies on itself, or nearly.
 
     Attributes:
@@ -50,8 +50,8 @@ class Symmetries(NamedTuple):
         continuous: the outline fits itself in every turn, as a disc and a ring do.
     """
 
-    turns: list[Symmetry]
-    near: list[Symmetry]
+    turns: list[SymmetryTurn]
+    near: list[SymmetryTurn]
     continuous: bool
 
     @property
@@ -72,7 +72,7 @@ def find_symmetries(outline: Outline | Sampled) -> Symmetries:
     if all(_rotation_residual(a, (k + 1) * GOLDEN) <= TOLERANCE * a.size for k in range(PROBES)):
         return Symmetries([], [], True)
     arc = kernels.arc_length(a.outer)
-    found: list[Symmetry] = []
+    found: list[SymmetryTurn] = []
     for _, turn, _ in kernels.align_outlines(a.outer, arc, a.outer, arc, PEAKS, LOOSE):
         if abs(math.remainder(turn, 2.0 * math.pi)) <= BESIDE:
             continue
@@ -90,7 +90,7 @@ def _rotation_residual(a: Sampled, turn: float) -> float:
     return math.inf if found is None else found.misfit
 
 
-def _refine_rotation(a: Sampled, turn: float) -> Symmetry | None:
+def _refine_rotation(a: Sampled, turn: float) -> SymmetryTurn | None:
     """The turn nearby that leaves least; None on a slope, where turns still nearer to another one leave less."""
     low, high = turn - WITHIN, turn + WITHIN
     for _ in range(HALVINGS):
@@ -103,4 +103,4 @@ def _refine_rotation(a: Sampled, turn: float) -> Symmetry | None:
         or min(_rotation_residual(a, best - BESIDE), _rotation_residual(a, best + BESIDE)) <= least
     ):
         return None
-    return Symmetry(math.remainder(best, 2.0 * math.pi), least)
+    return SymmetryTurn(math.remainder(best, 2.0 * math.pi), least)

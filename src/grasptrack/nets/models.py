@@ -44,7 +44,7 @@ class ModelFile(NamedTuple):
     digest: str
 
 
-def _file(megabytes: float, folder: str, name: str, digest: str) -> ModelFile:
+def _model_file(megabytes: float, folder: str, name: str, digest: str) -> ModelFile:
     return ModelFile(megabytes, f"{folder}{name}.onnx", digest)
 
 
@@ -86,14 +86,14 @@ U2NETP = NetModel(
     "u2netp",
     "salient objects, small",
     "Apache-2.0",
-    (_file(4.6, _REMBG, "u2netp", "sha256:309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8"),),
+    (_model_file(4.6, _REMBG, "u2netp", "sha256:309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8"),),
     320,
 )
 U2NET = NetModel(
     "u2net",
     "salient objects, large",
     "Apache-2.0",
-    (_file(176.0, _REMBG, "u2net", "md5:60024c5c889badc19c04ad937298a77b"),),
+    (_model_file(176.0, _REMBG, "u2net", "md5:60024c5c889badc19c04ad937298a77b"),),
     320,
 )
 MOBILE_SAM = NetModel(
@@ -101,13 +101,13 @@ MOBILE_SAM = NetModel(
     "asked by clicks, small",
     "Apache-2.0",
     (
-        _file(
+        _model_file(
             28.2,
             _ACLY,
             "mobile_sam_image_encoder",
             "sha256:580f5fb648ea1062c0aabc26217aed56921985f03f0cbbd852bba81d760cc749",
         ),
-        _file(
+        _model_file(
             16.5,
             _ACLY,
             "sam_mask_decoder_multi",
@@ -121,13 +121,13 @@ SAM2_TINY = NetModel(
     "asked by clicks, large",
     "Apache-2.0",
     (
-        _file(
+        _model_file(
             134.3,
             _SAM_2,
             "sam2_hiera_tiny.encoder",
             "sha256:4cc015ee18520e93f8c7ddfeaca7436039daaaaf19721b4b96a8810a805e82f7",
         ),
-        _file(
+        _model_file(
             20.6,
             _SAM_2,
             "sam2_hiera_tiny.decoder",
@@ -190,11 +190,11 @@ def download_model(model: NetModel, tell: Callable[[int], None] | None = None) -
     """
     paths = model_paths(model)
     for file, path in zip(model.files, paths, strict=True):
-        _download(model.name, file, path, tell)
+        _download_file(model.name, file, path, tell)
     return paths
 
 
-def _download(name: str, file: ModelFile, path: Path, tell: Callable[[int], None] | None) -> None:
+def _download_file(name: str, file: ModelFile, path: Path, tell: Callable[[int], None] | None) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
     algorithm, _, wanted = file.digest.partition(":")

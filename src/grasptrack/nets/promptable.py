@@ -82,16 +82,16 @@ class _Mask(NamedTuple):
     cells: tuple[float, float]
 
     @property
-    def inside(self) -> Bools:
+    def covered_cells(self) -> Bools:
         """(h, w) what it covers."""
         return self.logits > 0.0
 
-    def overlap(self, other: _Mask) -> float:
+    def overlap_with(self, other: _Mask) -> float:
         """Intersection over union."""
-        both, either = self.inside & other.inside, self.inside | other.inside
+        both, either = self.covered_cells & other.covered_cells, self.covered_cells | other.covered_cells
         return float(np.count_nonzero(both)) / max(float(np.count_nonzero(either)), 1.0)
 
-    def enlarged(self, size: tuple[int, ...]) -> Floats32:
+    def enlarged_to(self, size: tuple[int, ...]) -> Floats32:
         """(H, W) 0 to 1, of an image of (height, width)."""
         a, b = self.cells
         back = np.array([[a, 0.0, 0.5 * a - 0.5], [0.0, b, 0.5 * b - 0.5]])
@@ -141,11 +141,11 @@ class PromptableNet:
         for mask in sorted(found, key=lambda mask: -mask.score):
             if (
                 len(kept) < MAX_REGIONS
-                and mask.inside.any()
-                and not any(mask.overlap(other) > SAME_MASK for other in kept)
+                and mask.covered_cells.any()
+                and not any(mask.overlap_with(other) > SAME_MASK for other in kept)
             ):
                 kept.append(mask)
-        return [Region(mask.enlarged(image.shape), mask.score) for mask in kept]
+        return [Region(mask.enlarged_to(image.shape), mask.score) for mask in kept]
 
     # --- files -----------------------------------------------------------------------------------
 

@@ -52,10 +52,10 @@ class SalientNet:
 
     def regions(self, image: Pixels, hints: FirstImage) -> Sequence[Region]:
         """The map of the image, and that of its mirror image; a net knows nothing of hints, which choose afterwards."""
-        plain, mirrored = self.saliency(image), self.saliency(image[:, ::-1])[:, ::-1]
+        plain, mirrored = self.saliency_map(image), self.saliency_map(image[:, ::-1])[:, ::-1]
         return [Region(plain, is_vote=True), Region(mirrored, is_vote=True)]
 
-    def saliency(self, image: Pixels) -> Floats32:
+    def saliency_map(self, image: Pixels) -> Floats32:
         """(H, W) 0 to 1, how salient each pixel of an image (H, W) or BGR (H, W, 3) is.
 
         Raises:

@@ -76,7 +76,7 @@ def background_maps(image: Pixels, background: Pixels, hidden: Grey | None = Non
         (H, W) 0 to 1: of all that differs; and in colours of what differs by more than a shadow would.
     """
     seen, empty = _same_planes(image, background)
-    relit = relight(seen, empty, hidden)
+    relit = relight_background(seen, empty, hidden)
     usable = relit.shown if hidden is None else relit.shown & (hidden == 0)
     difference = seen - relit.bench
     noise = _measure_noise(difference, relit.bench, usable)
@@ -92,7 +92,7 @@ def background_maps(image: Pixels, background: Pixels, hidden: Grey | None = Non
     return maps
 
 
-def relight(seen: Floats32, empty: Floats32, hidden: Grey | None = None) -> Relit:
+def relight_background(seen: Floats32, empty: Floats32, hidden: Grey | None = None) -> Relit:
     """The picture of an empty bench (H, W, C) moved and lit as an image (H, W, C) shows the same bench."""
     height, width = seen.shape[:2]
     kept = None if hidden is None else to_binary(hidden == 0)
@@ -120,7 +120,7 @@ def relight(seen: Floats32, empty: Floats32, hidden: Grey | None = None) -> Reli
 def _same_planes(image: Pixels, background: Pixels) -> tuple[Floats32, Floats32]:
     """Both as (H, W, C), grey where one of them is."""
     if image.ndim != background.ndim:
-        image, background = PLAIN.grey(image), PLAIN.grey(background)
+        image, background = PLAIN.to_grey(image), PLAIN.to_grey(background)
     return np.atleast_3d(image).astype(np.float32), np.atleast_3d(background).astype(np.float32)
 
 

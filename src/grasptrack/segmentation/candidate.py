@@ -159,21 +159,21 @@ def candidate_of_edges(
     if not is_plausible_object(shape, image.shape):
         return None
 
-    def localized(polarity: int) -> LocalizedContour:
+    def localized_contour(polarity: int) -> LocalizedContour:
         return localize_contour(
             grey, shape.outer, hole=False, polarity=polarity, hidden=hidden, reach=CLOSED_EDGE_REACH
         )
 
-    grey = PLAIN.grey(image)
+    grey = PLAIN.to_grey(image)
     try:
-        edge = localized(0)
+        edge = localized_contour(0)
         channel = best_color_projection(image, edge.contour)
         if channel is not PLAIN:
-            grey = channel.grey(image)
-            edge = localized(0)
+            grey = channel.to_grey(image)
+            edge = localized_contour(0)
         polarity = polarity_of(grey, edge.contour)
         if polarity:
-            edge = localized(polarity)
+            edge = localized_contour(polarity)
     except ContourError:
         return None
     if _is_mostly_cut(edge.contour):

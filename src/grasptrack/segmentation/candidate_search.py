@@ -26,7 +26,7 @@ from grasptrack.segmentation.proposals import (
     THRESHOLD,
     UNRATED,
     OutlineProposal,
-    Scene,
+    PreparedImage,
     is_alike,
     propose_masks,
     propose_silhouettes,
@@ -90,7 +90,7 @@ class CandidateSearch:
     """
 
     def __init__(self, colours: Pixels, said: FirstImage, segmenter: Segmenter | None) -> None:
-        self._scene, self._said = Scene(colours, said), said
+        self._scene, self._said = PreparedImage(colours, said), said
         self._alone = isinstance(segmenter, OneMask)
         regions = [] if segmenter is None or said.masked else list(segmenter.regions(colours, said))
         if said.background is not None:
@@ -106,7 +106,7 @@ class CandidateSearch:
         self._proposals = (propose_masks if self._alone else propose_silhouettes)(self._scene, shown)
         self.meant = [p for p in self._proposals if is_allowed(p.silhouette, said)]
 
-    def candidates(self) -> list[Candidate]:
+    def best_candidates(self) -> list[Candidate]:
         """Contours of the likeliest proposals, the likeliest first.
 
         Raises:
@@ -115,11 +115,11 @@ class CandidateSearch:
         if self._said.outline is not None:
             return [self._drawn_candidate(self._said.outline)]
         rated = self._rate_meant()
-        return self._judge(self._localize_all(rated), rated)
+        return self._with_probabilities(self._localize_all(rated), rated)
 
-    def compared(self) -> list[OutlineProposal]:
+    def compared_proposals(self) -> list[OutlineProposal]:
         """The best rated proposals of the image and of those that are meant, of a segmenter's as many."""
-        large = [p for p in self._proposals if p.silhouette.extent >= MIN_EXTENT and p.rating is not UNRATED]
+        large = [p for p in self._proposals if p.silhouette.longer_side >= MIN_EXTENT and p.rating is not UNRATED]
         cut = sorted((p for p in large if p.rating.is_cut), key=lambda p: -p.rating.score_in_view)[:MAX_CUT]
         found = {id(p): p for p in cut}
         for pool in (large, [p for p in large if is_allowed(p.silhouette, self._said)]):
@@ -131,7 +131,7 @@ class CandidateSearch:
         """The proposals that are meant, each region once, the likeliest first."""
         if self._alone:
             return [_Rated(p, 0.0, 0.0) for p in self.meant[:MAX_COMPARED]]
-        compared, said = self.compared(), self._said
+        compared, said = self.compared_proposals(), self._said
         numbers = load_numbers(bool(self._maps))
         if said.background is not None:  # a person's word, as a box is
             numbers = numbers._replace(map_power=numbers.box_power)
@@ -143,7 +143,7 @@ class CandidateSearch:
                 kept.append(_Rated(compared[k], float(worth[k]), float(unmapped[k])))
         return kept
 
-    def _judge(self, found: list[tuple[Candidate, _Rated]], rated: list[_Rated]) -> list[Candidate]:
+    def _with_probabilities(self, found: list[tuple[Candidate, _Rated]], rated: list[_Rated]) -> list[Candidate]:
         """Candidates with their probabilities."""
         if not found or self._alone:
             return [candidate._replace(probability=1.0) for candidate, _ in found]
@@ -167,13 +167,13 @@ class CandidateSearch:
         Raises:
             ObservationError: it is too small, or beyond the image.
         """
-        for p in sorted(self._proposals, key=lambda p: -p.worth):
+        for p in sorted(self._proposals, key=lambda p: -p.comparison_order):
             if _is_beside(p.silhouette, polygon) and outline_agreement(p.silhouette, polygon, AGREEING) >= ALL_ROUND:
-                found = self._localize(p)
+                found = self._localize_proposal(p)
                 if found is not None:
                     return self._judge_drawn(found)._replace(rating=p.rating.score)
         shape = polygon_silhouette(self._snapper.snap(polygon), self._scene.grey.shape)
-        if shape is None or shape.extent < MIN_EXTENT:
+        if shape is None or shape.longer_side < MIN_EXTENT:
             raise ObservationError(f"the outline that was drawn is less than {MIN_EXTENT} px across")
         candidate = candidate_of_edges(self._scene.colours, self._scene.planes, shape, self._said.hidden)
         if candidate is None:
@@ -211,7 +211,7 @@ class CandidateSearch:
             self._scene.work.spend(cost)
             looked += 1
             shaded = len(found) < MAX_SHADOWS and not is_part and not self._alone
-            candidate = self._localize(p, whole=not is_part, shaded=shaded)
+            candidate = self._localize_proposal(p, whole=not is_part, shaded=shaded)
             if candidate is None or any(is_same_region(candidate.view, other.view) for other, _ in found):
                 continue
             if not all(contains_pixel(candidate.view, *at, CLICK_MARGIN) for at in self._said.object_at):
@@ -220,7 +220,7 @@ class CandidateSearch:
             cv2.drawContours(taken, [p.silhouette.outer.reshape(-1, 1, 2)], -1, (1,), cv2.FILLED)
         return found
 
-    def _localize(self, p: OutlineProposal, whole: bool = True, shaded: bool = False) -> Candidate | None:
+    def _localize_proposal(self, p: OutlineProposal, whole: bool = True, shaded: bool = False) -> Candidate | None:
         """The sub-pixel contour of a proposal.
 
         Args:
@@ -267,9 +267,9 @@ class CandidateSearch:
 
 def is_allowed(shape: Silhouette, said: FirstImage) -> bool:
     """Whether a region covers all pixels on the object, none beside it, and fills a box at least in part."""
-    if any(shape.depth(*at) < -CLICK_MARGIN for at in said.object_at):
+    if any(shape.depth_at(*at) < -CLICK_MARGIN for at in said.object_at):
         return False
-    if any(shape.depth(*at) > 0.0 for at in said.not_at):
+    if any(shape.depth_at(*at) > 0.0 for at in said.not_at):
         return False
     return said.box is None or box_iou(shape.box, said.box) > MIN_BOX_OVERLAP
 
@@ -294,4 +294,4 @@ def _overlaps_found(shape: Silhouette, taken: Pixels, found: list[Candidate]) ->
     if taken[row.clip(0, taken.shape[0] - 1), column.clip(0, taken.shape[1] - 1)].mean() > NESTED_SHARE:
         return True
     corners = (c.view.outer.points[k * len(c.view.outer) // 3].tolist() for c in found for k in range(3))
-    return any(shape.depth(x, y) >= 0.0 for x, y in corners)
+    return any(shape.depth_at(x, y) >= 0.0 for x, y in corners)

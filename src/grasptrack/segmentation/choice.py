@@ -112,7 +112,7 @@ def measure_worth(
         box: left, top, width and height of the object, px, or None.
         numbers: powers.
     """
-    worth = np.array([math.log(max(p.worth, MIN_RATING)) for p in proposals])
+    worth = np.array([math.log(max(p.comparison_order, MIN_RATING)) for p in proposals])
     if len(maps):
         totals = [(each, float(each.sum())) for each in maps]
         overlaps = [max(MIN_OVERLAP, *(map_overlap(p, each, total) for each, total in totals)) for p in proposals]

@@ -122,18 +122,18 @@ class NormalizedGradient:
         self._dx, self._dy = np.asarray(across).astype(np.int16), np.asarray(along).astype(np.int16)
 
     @property
-    def strength(self) -> Floats32:
+    def gradient_magnitude(self) -> Floats32:
         """(H, W) gradient magnitude in units of the image's noise."""
         return np.asarray(self._steep * np.float32(1.0 / (FINE * self.unit)), dtype=np.float32)
 
     @property
-    def slopes(self) -> tuple[Floats32, Floats32]:
+    def gradient_components(self) -> tuple[Floats32, Floats32]:
         """(H, W) gradients along x and y in units of the image's noise."""
         unit = np.float32(1.0 / (FINE * self.unit))
         return self._dx * unit, self._dy * unit
 
     @property
-    def direction(self) -> Floats32:
+    def gradient_direction(self) -> Floats32:
         """(H, W, 2) unit vectors of the gradients, zero where there is none."""
         both = np.stack([self._dx, self._dy], axis=-1).astype(np.float32)
         return np.asarray(both / np.maximum(np.linalg.norm(both, axis=-1, keepdims=True), 1.0), dtype=np.float32)
@@ -165,12 +165,12 @@ class ClosedEdgeSegmenter:
 
     def __init__(self, image: Planes, hidden: Grey | None = None) -> None:
         self.shrink = _shrink_factor(image.shape)
-        self.planes, hidden = _downsample(image, hidden, self.shrink)
+        self.planes, hidden = _downsample_planes(image, hidden, self.shrink)
         self.fields = tuple(NormalizedGradient(self.planes, softening, hidden) for softening in SOFTENING)
         self._max_gap = MAX_GAP * max(self.planes.shape[:2])
         self._edges: dict[tuple[int, float], Grey] = {}
 
-    def enclosed(self, recipe: ClosingRecipe, least: float, extent: float) -> list[Silhouette]:
+    def enclosed_regions(self, recipe: ClosingRecipe, least: float, extent: float) -> list[Silhouette]:
         """Regions enclosed by edges, of at least `least` px^2 and `extent` px across, in px of the image."""
         key = recipe.softening, recipe.level
         if key not in self._edges:
@@ -203,7 +203,7 @@ class ObjectClosing:
             origin: (x, y) px of the window's first pixel in the image.
         """
         px, recipe = self._shrink, self._recipe
-        image, hidden = _downsample(image, hidden, px)
+        image, hidden = _downsample_planes(image, hidden, px)
         field = NormalizedGradient(image, SOFTENING[recipe.softening], hidden, self._grain)
         edges = link_edges(field.thin_edges(recipe.level), self._max_gap)
         shapes = enclosed_silhouettes(edges, recipe.radius, least / px**2, math.sqrt(least) / px)
@@ -230,9 +230,9 @@ def enclosed_silhouettes(edges: Grey, radius: int, least: float, extent: float) 
     found: list[Silhouette] = []
     for shape in trace_silhouettes(np.asarray(cv2.dilate(edges, disc), dtype=np.uint8), least, holes=False):
         x, y, w, h = shape.box
-        if shape.area > MAX_FILLED_SHARE * edges.size or shape.extent < extent + 2 * radius:
+        if shape.area > MAX_FILLED_SHARE * edges.size or shape.longer_side < extent + 2 * radius:
             continue
-        filled = shape.fill((x - 1, y - 1, x + w + 1, y + h + 1))
+        filled = shape.filled_window((x - 1, y - 1, x + w + 1, y + h + 1))
         shrunk = np.asarray(cv2.erode(filled, disc, borderValue=0), dtype=np.uint8)
         found.extend(trace_silhouettes(shrunk, least, (x - 1, y - 1), holes=False))
     return found
@@ -242,7 +242,7 @@ def _shrink_factor(size: tuple[int, ...]) -> int:
     return max(1, -(-max(size[:2]) // WORKING_SIDE))
 
 
-def _downsample(image: Planes, hidden: Grey | None, times: int) -> tuple[Planes, Grey | None]:
+def _downsample_planes(image: Planes, hidden: Grey | None, times: int) -> tuple[Planes, Grey | None]:
     """Planes and a mask reduced by a whole number; a pixel is hidden where one of its block is."""
     if times == 1:
         return image, hidden

@@ -144,7 +144,7 @@ def find_candidates(
     """
     said = FirstImage() if said is None else said
     look = CandidateSearch(colours, said, segmenter)
-    found = look.candidates()
+    found = look.best_candidates()
     if not found:
         raise _no_object_error(look.meant, said)
     if said.is_pointed_at or said.masked or isinstance(segmenter, OneMask):
@@ -155,8 +155,8 @@ def find_candidates(
 
 def _no_object_error(meant: list[OutlineProposal], said: FirstImage) -> ObservationError:
     """Why there is no object."""
-    where = said.place()
-    extent = max((p.silhouette.extent for p in meant if p.silhouette.extent < MIN_EXTENT), default=0)
+    where = said.place_in_words()
+    extent = max((p.silhouette.longer_side for p in meant if p.silhouette.longer_side < MIN_EXTENT), default=0)
     if extent >= TINY_EXTENT:
         text = f"the object{where} is {extent} px across; at least {MIN_EXTENT} px are needed"
         return ObservationError(text, extent=extent)

@@ -54,8 +54,8 @@ class LiveWire:
         if not self._snap >= 0.0:
             raise InputError(f"snap is 0 or more px, not {snap:g}", snap=snap)
         self._off_edge = np.where(field.thin_edges(RECIPES[0].level) > 0, np.uint8(0), np.uint8(1))
-        self._weakness = np.asarray(1.0 / (1.0 + field.strength), dtype=np.float32)
-        self._direction = field.direction
+        self._weakness = np.asarray(1.0 / (1.0 + field.gradient_magnitude), dtype=np.float32)
+        self._direction = field.gradient_direction
         self._scissors: dict[Pixel, Any] = {}
         self._points: list[Pixel] = []
         self._pieces: list[NDArray[np.int32]] = []

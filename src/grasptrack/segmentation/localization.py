@@ -131,13 +131,13 @@ def background_within(image: Planes, shape: Silhouette) -> list[Chain]:
         image: planes.
         shape: the silhouette.
     """
-    left, top, right, bottom = shape.window(WINDOW_MARGIN, image.shape)
+    left, top, right, bottom = shape.box_window(WINDOW_MARGIN, image.shape)
     window = np.ascontiguousarray(image[top:bottom, left:right])
-    filled = shape.fill((left, top, right, bottom))
+    filled = shape.filled_window((left, top, right, bottom))
     outside = (cv2.dilate(filled, np.ones((7, 7), np.uint8)) == 0).astype(np.float32)
     if not outside.any():
         return []
-    wide = (2 * (shape.extent // 2) + 1,) * 2  # a box filter: a Gaussian this wide is slow
+    wide = (2 * (shape.longer_side // 2) + 1,) * 2  # a box filter: a Gaussian this wide is slow
     weight = cv2.blur(outside, wide) + TOLERANCE
     background = cv2.blur(window * outside[:, :, None], wide).reshape(window.shape) / weight[:, :, None]
     soft = cv2.GaussianBlur(window, (0, 0), 1.0).reshape(window.shape)

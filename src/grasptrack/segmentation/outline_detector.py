@@ -78,7 +78,7 @@ class _Search:
     Attributes:
         area: px^2, last known area of the outline.
         turn: number of this search.
-        unlike: see `OutlineDetector.anywhere`.
+        unlike: see `OutlineDetector.views_anywhere`.
         seen: outlines that have been examined.
     """
 
@@ -92,12 +92,12 @@ class _Search:
         """px^2, of the smallest silhouette that may be the object."""
         return self.area / MAX_ZOOM
 
-    def promising(self, shapes: list[Silhouette]) -> list[Silhouette]:
+    def of_right_size(self, shapes: list[Silhouette]) -> list[Silhouette]:
         """Of the largest silhouettes those that may be the object by their size."""
         largest = shapes[:PER_THRESHOLD]
-        return [s for s in largest if s.extent >= MIN_EXTENT and s.area <= self.area * MAX_ZOOM]
+        return [s for s in largest if s.longer_side >= MIN_EXTENT and s.area <= self.area * MAX_ZOOM]
 
-    def likeliest(self, shapes: list[Silhouette]) -> list[Silhouette]:
+    def most_similar(self, shapes: list[Silhouette]) -> list[Silhouette]:
         """The silhouettes to examine closely: the most similar, and one of the others in turn."""
         if self.unlike is None:
             return shapes
@@ -106,7 +106,7 @@ class _Search:
         after = self.turn % max(1, len(alike) - MAX_TRIED + 1)
         return alike[: MAX_TRIED - 1] + alike[MAX_TRIED - 1 + after :][:1]
 
-    def unseen(self, views: Iterable[View]) -> list[View]:
+    def new_views(self, views: Iterable[View]) -> list[View]:
         """Those that are not at the place of one that was seen before, which are seen now."""
         found = []
         for view in views:
@@ -144,11 +144,11 @@ class OutlineDetector:
         self._last_contrast = math.nan
 
     @property
-    def levels(self) -> tuple[float, float]:
+    def grey_levels(self) -> tuple[float, float]:
         """Learned grey levels of the object and of the background around it."""
         return self._inside, self._outside
 
-    def look(self, image: NDArray[Any]) -> Grey:
+    def set_image(self, image: NDArray[Any]) -> Grey:
         """The next image in the mixture of colours that shows the object best.
 
         Raises:
@@ -156,9 +156,9 @@ class OutlineDetector:
         """
         self._levels.clear()  # keyed by the ids of views, which later views may reuse
         self.colours = to_bgr(image)
-        return self._channel.grey(self.colours)
+        return self._channel.to_grey(self.colours)
 
-    def first(self, said: FirstImage, segmenter: Segmenter | None = None) -> list[Candidate]:
+    def find_objects(self, said: FirstImage, segmenter: Segmenter | None = None) -> list[Candidate]:
         """Objects of the image that was looked at, the likeliest first.
 
         Args:
@@ -170,7 +170,7 @@ class OutlineDetector:
         """
         return find_candidates(self.colours, replace(said, hidden=self.hidden), segmenter)
 
-    def choose(self, candidate: Candidate) -> Grey:
+    def choose_object(self, candidate: Candidate) -> Grey:
         """Look for this object from now on. Returns its image in its mixture of colours."""
         self.polarity = candidate.polarity
         self._channel = candidate.channel
@@ -180,11 +180,11 @@ class OutlineDetector:
         self._inside, self._outside = candidate.inside, candidate.outside
         self._learn_balance(_Levels(candidate.inside, candidate.outside, candidate.level))
         self._holes = len(candidate.view.contours) - 1
-        return self._channel.grey(self.colours)
+        return self._channel.to_grey(self.colours)
 
     # --- near the expected place -----------------------------------------------------------------
 
-    def near(self, grey: Grey, expected: Floats, centres: Floats) -> Iterator[View]:
+    def views_near(self, grey: Grey, expected: Floats, centres: Floats) -> Iterator[View]:
         """Outlines in a window around the expected one, the likeliest first. Call it first for each new image.
 
         Args:
@@ -237,7 +237,7 @@ class OutlineDetector:
 
     # --- anywhere --------------------------------------------------------------------------------
 
-    def anywhere(
+    def views_anywhere(
         self, grey: Grey, area: float, turn: int, known: View | None = None, unlike: Unlikeness | None = None
     ) -> Iterator[list[View]]:
         """Outlines anywhere in the image that may be the object's: by the learned grey levels, then by the image's own.
@@ -265,9 +265,9 @@ class OutlineDetector:
     def _views_at_threshold(self, grey: Grey, level: float, search: _Search) -> list[View]:
         """Outlines at one threshold, without those seen at another."""
 
-        def views() -> Iterator[View]:
+        def localized_views() -> Iterator[View]:
             shapes = self._threshold_silhouettes(grey, level, search.min_area)
-            for shape in search.likeliest(search.promising(shapes)):
+            for shape in search.most_similar(search.of_right_size(shapes)):
                 alone = self._without_shadow(shape)
                 candidate = candidate_of_one_level(grey, alone, self.polarity, self.hidden)
                 if candidate is not None:  # at most as many holes as the reference: those of print come and go
@@ -275,16 +275,16 @@ class OutlineDetector:
                     self._levels[id(view)] = _Levels(candidate.inside, candidate.outside, level)
                     yield view
 
-        return search.unseen(views())
+        return search.new_views(localized_views())
 
     def _views_from_edges(self, grey: Grey, gain: float, search: _Search) -> list[View]:
         """Outlines from closed edges in the whole image, without those seen before."""
         closing, planes = self._closing_for_gain(gain), lab_planes(self.colours)
         shapes = closing.enclosed(planes, self.hidden, max(search.min_area, MIN_AREA), (0, 0))
-        promising = search.promising(sorted(shapes, key=lambda s: -s.area))
+        promising = search.of_right_size(sorted(shapes, key=lambda s: -s.area))
         plausible = [s for s in promising if is_plausible_object(s, grey.shape)]
-        views = (self._localize_view(grey, s, np.zeros((0, 2)), math.nan) for s in search.likeliest(plausible))
-        return search.unseen(view for view in views if view is not None)
+        views = (self._localize_view(grey, s, np.zeros((0, 2)), math.nan) for s in search.most_similar(plausible))
+        return search.new_views(view for view in views if view is not None)
 
     # --- what both need --------------------------------------------------------------------------
 
@@ -329,7 +329,7 @@ class OutlineDetector:
 
     # --- learning --------------------------------------------------------------------------------
 
-    def believe(self, view: View) -> None:
+    def learn_levels(self, view: View) -> None:
         """Learn grey levels and light from an outline that was found here and accepted."""
         levels = self._levels.get(id(view), _Levels(math.nan, math.nan, math.nan))
         inside, outside, level = levels

@@ -130,11 +130,11 @@ class SilhouetteScorer:
     """
 
     def __init__(self, field: NormalizedGradient, shrink: int, size: tuple[int, ...]) -> None:
-        soft = cv2.GaussianBlur(field.strength, (0, 0), RATED_SOFTENING)
+        soft = cv2.GaussianBlur(field.gradient_magnitude, (0, 0), RATED_SOFTENING)
         self._strength = np.asarray(cv2.dilate(soft, np.ones((3, 3), np.uint8)), dtype=np.float32)
         self._shrink, self._size = shrink, size
 
-    def rate(self, shape: Silhouette, bridge: float = 0.0) -> Rating:
+    def rate_silhouette(self, shape: Silhouette, bridge: float = 0.0) -> Rating:
         """Rate a silhouette; `bridge` px is the widest gap that a closing bridged for it."""
         chain = shape.outer[:: max(1, len(shape.outer) // RATED_PIXELS)]
         height, width = self._strength.shape
@@ -194,7 +194,7 @@ class OutlineProposal(NamedTuple):
     grain: float = math.nan
 
     @property
-    def worth(self) -> float:
+    def comparison_order(self) -> float:
         """What proposals are ordered by before they are compared closely."""
         return self.rating.score * (ONE_LEVEL if self.recipe == THRESHOLD else 1.0)
 
@@ -204,7 +204,7 @@ class OutlineProposal(NamedTuple):
         return 2 if self.recipe == THRESHOLD else int(self.recipe != GIVEN)
 
 
-class Scene:
+class PreparedImage:
     """A first image as all who propose outlines see it, prepared once.
 
     Args:
@@ -221,7 +221,7 @@ class Scene:
 
     def __init__(self, colours: Pixels, said: FirstImage) -> None:
         self.colours, self.said = colours, said
-        self.grey: Grey = PLAIN.grey(colours)
+        self.grey: Grey = PLAIN.to_grey(colours)
         self.planes = lab_planes(colours)
         self.edges = ClosedEdgeSegmenter(self.planes, said.hidden)
         self.scorer = SilhouetteScorer(self.edges.fields[0], self.edges.shrink, self.grey.shape)
@@ -243,12 +243,12 @@ class Scene:
 class Proposer(Protocol):
     """Whoever proposes outlines in an image."""
 
-    def __call__(self, scene: Scene) -> Iterable[OutlineProposal]:
+    def __call__(self, scene: PreparedImage) -> Iterable[OutlineProposal]:
         """Regions that may be objects, rated."""
         ...
 
 
-def propose_thresholds(scene: Scene) -> Iterator[OutlineProposal]:
+def propose_thresholds(scene: PreparedImage) -> Iterator[OutlineProposal]:
     """Objects of one grey level: by Otsu's thresholds; of a mask what is light."""
     grey, said = scene.grey, scene.said
     soft = np.asarray(cv2.GaussianBlur(grey, (3, 3), 0), dtype=np.uint8)
@@ -257,24 +257,24 @@ def propose_thresholds(scene: Scene) -> Iterator[OutlineProposal]:
             scene.work.spend(THRESHOLDED.of(grey.size) + RATED * PER_THRESHOLD)
             mask = threshold_mask(grey, level, polarity, said.hidden)
             for shape in trace_silhouettes(mask)[:PER_THRESHOLD]:
-                rating = scene.scorer.rate(shape) if shape.extent >= MIN_EXTENT else UNRATED
+                rating = scene.scorer.rate_silhouette(shape) if shape.longer_side >= MIN_EXTENT else UNRATED
                 yield OutlineProposal(shape, rating, polarity, level, THRESHOLD)
 
 
-def propose_closed_edges(scene: Scene) -> Iterator[OutlineProposal]:
+def propose_closed_edges(scene: PreparedImage) -> Iterator[OutlineProposal]:
     """Objects of any colours: what closed edges enclose, by each recipe, as far as the work is allowed; of a mask nothing."""
     cost = CLOSING.of(scene.reduced_size)
     for index, recipe in enumerate(() if scene.said.masked else RECIPES):
         if not scene.work.allows(cost, SEARCH_SHARE):
             break
         bridge, unit = 2.0 * recipe.radius * scene.edges.shrink, scene.edges.fields[recipe.softening].unit
-        for shape in scene.edges.enclosed(recipe, MIN_ENCLOSED, MIN_EXTENT):
+        for shape in scene.edges.enclosed_regions(recipe, MIN_ENCLOSED, MIN_EXTENT):
             scene.work.spend(RATED)
-            yield OutlineProposal(shape, scene.scorer.rate(shape, bridge), recipe=index, grain=unit)
+            yield OutlineProposal(shape, scene.scorer.rate_silhouette(shape, bridge), recipe=index, grain=unit)
         scene.work.spend(cost)
 
 
-def propose_quadrangles(scene: Scene) -> Iterator[OutlineProposal]:
+def propose_quadrangles(scene: PreparedImage) -> Iterator[OutlineProposal]:
     """Sheets and boxes: quadrangles of straight edges where a person points."""
     said, px = scene.said, scene.edges.shrink
     at, cost = said.object_at[0] if said.object_at else _box_middle(said.box), QUADRANGLES.of(scene.grey.size / px**2)
@@ -284,25 +284,25 @@ def propose_quadrangles(scene: Scene) -> Iterator[OutlineProposal]:
     for corners in find_quadrangles(scene.edges.planes, scene.to_reduced(at)):
         shape = polygon_silhouette(corners * px + 0.5 * (px - 1), scene.grey.shape)
         if shape is not None:
-            yield OutlineProposal(shape, scene.scorer.rate(shape))
+            yield OutlineProposal(shape, scene.scorer.rate_silhouette(shape))
 
 
-def propose_from_maps(scene: Scene, maps: Sequence[Floats32]) -> Iterator[OutlineProposal]:
+def propose_from_maps(scene: PreparedImage, maps: Sequence[Floats32]) -> Iterator[OutlineProposal]:
     """What a segmenter's maps (H, W), 0 to 1, show at several levels."""
     for each in maps:
         for level in MAP_LEVELS:
             for shape in trace_silhouettes(to_binary(each > level), MIN_ENCLOSED, holes=False)[:PER_MAP_LEVEL]:
-                if shape.extent >= MIN_EXTENT:
-                    yield OutlineProposal(shape, scene.scorer.rate(shape))
+                if shape.longer_side >= MIN_EXTENT:
+                    yield OutlineProposal(shape, scene.scorer.rate_silhouette(shape))
 
 
-def propose_masks(scene: Scene, maps: Sequence[Floats32]) -> list[OutlineProposal]:
+def propose_masks(scene: PreparedImage, maps: Sequence[Floats32]) -> list[OutlineProposal]:
     """The regions of a user's own segmentation, and nothing else, in their order."""
     shapes = chain.from_iterable(trace_silhouettes(to_binary(each > 0.5), holes=False) for each in maps)
-    return [OutlineProposal(shape, scene.scorer.rate(shape)) for shape in shapes]
+    return [OutlineProposal(shape, scene.scorer.rate_silhouette(shape)) for shape in shapes]
 
 
-def propose_silhouettes(scene: Scene, maps: Sequence[Floats32] = ()) -> list[OutlineProposal]:
+def propose_silhouettes(scene: PreparedImage, maps: Sequence[Floats32] = ()) -> list[OutlineProposal]:
     """All silhouettes of an image, the best rated first, each once.
 
     Args:
@@ -312,7 +312,7 @@ def propose_silhouettes(scene: Scene, maps: Sequence[Floats32] = ()) -> list[Out
     pointed_at = list(propose_quadrangles(scene))  # before all else, while the work allows it
     proposers: tuple[Proposer, ...] = (propose_thresholds, propose_closed_edges, partial(propose_from_maps, maps=maps))
     found = [*chain.from_iterable(propose(scene) for propose in proposers), *pointed_at]
-    return _remove_duplicates(sorted(found, key=lambda p: -p.worth))
+    return _remove_duplicates(sorted(found, key=lambda p: -p.comparison_order))
 
 
 def _box_middle(box: Box | None) -> Point | None:
@@ -342,4 +342,4 @@ def _remove_duplicates(found: list[OutlineProposal]) -> list[OutlineProposal]:
             kept.append(p)
         elif p.simplicity > kept[same[0]].simplicity:
             kept[same[0]] = p
-    return sorted(kept, key=lambda p: -p.worth)
+    return sorted(kept, key=lambda p: -p.comparison_order)

@@ -75,7 +75,7 @@ def find_quadrangles(planes: Planes, within: Point | None = None) -> list[Floats
         if share < MIN_COVERED_ALL or not cv2.isContourConvex(shape.astype(np.float32)):
             continue
         area = float(cv2.contourArea(shape.astype(np.float32)))
-        if area < MIN_QUADRANGLE or (within is not None and not _contains(shape, within)):
+        if area < MIN_QUADRANGLE or (within is not None and not _contains_point(shape, within)):
             continue
         found.append((share * math.sqrt(shares.min()) * area**AREA_POWER, shape))
     found.sort(key=lambda each: -each[0])
@@ -119,7 +119,7 @@ def _longest_segments(planes: Planes) -> Floats:
     found = [np.zeros((0, 4))]
     for k in range(planes.shape[2]):
         plane = planes[:, :, k] - planes[:, :, k].min()
-        grey = np.clip(plane * (LIGHTNESS_STEPS if k == 0 else CHROMA_STEPS), 0.0, 255.0).astype(np.uint8)
+        grey = np.clip(plane * (LIGHTNESS_STEPS if k == 0 else CHROMA_STEPS), 0, 255).astype(np.uint8)
         ends = cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE).detect(grey)[0]
         if ends is not None:
             found.append(np.asarray(ends, dtype=np.float64).reshape(-1, 4))
@@ -187,7 +187,7 @@ def _find_cycles(sides: Bools) -> list[tuple[int, int, int, int]]:
     return found
 
 
-def _contains(shape: Floats, at: Point) -> bool:
+def _contains_point(shape: Floats, at: Point) -> bool:
     return cv2.pointPolygonTest(shape.astype(np.float32), (float(at[0]), float(at[1])), False) >= 0
 
 

@@ -170,12 +170,12 @@ def _named_segmenter(text: str) -> Any:
     if isinstance(found, SegmenterMaker) and bool(found.usage) is bool(colon):
         return found.make(argument)
     if found is None or colon or isinstance(found, SegmenterMaker):
-        choices = ", ".join([CLASSICAL, *_choices()])
+        choices = ", ".join([CLASSICAL, *_segmenter_names()])
         raise InputError(f'unknown segmenter "{text}"; choose from {choices}', name=text)
     return found
 
 
-def _choices() -> Iterator[str]:
+def _segmenter_names() -> Iterator[str]:
     for name in plugin_names("grasptrack.segmenters"):
         try:
             usage = getattr(load_plugin("grasptrack.segmenters", name), "usage", "")

@@ -56,21 +56,21 @@ def ask_more_frames(
         look: finds candidates in an image, or raises an ObservationError.
         sure: probability from which no more is asked.
     """
-    bench = PLAIN.grey(image).astype(np.float32)
+    bench = PLAIN.to_grey(image).astype(np.float32)
     still, lamps = np.zeros(len(found)), np.zeros(len(found))  # logarithms of what was seen, by either
     judged, frames = found, islice(more, MAX_FRAMES)
     while judged[0].probability < sure and (other := next(frames, None)) is not None:
         colours = to_bgr(other)
         if colours.shape[:2] != image.shape[:2]:
             continue  # the tracker says so when it comes to it
-        motion = register_affine(bench, PLAIN.grey(colours).astype(np.float32))
+        motion = register_affine(bench, PLAIN.to_grey(colours).astype(np.float32))
         try:
             seen = look(colours)
         except ObservationError:
             continue
         on_bench, with_lamps = place_likelihoods(found, seen, motion)
         still, lamps = still + on_bench, lamps + with_lamps
-        judged = _reweighed(found, still, lamps)
+        judged = _with_reflection_evidence(found, still, lamps)
     return judged
 
 
@@ -112,7 +112,7 @@ def place_likelihoods(found: Sequence[Candidate], seen: Sequence[Candidate], mot
     return on_bench, with_lamps
 
 
-def _reweighed(found: list[Candidate], still: Floats, lamps: Floats) -> list[Candidate]:
+def _with_reflection_evidence(found: list[Candidate], still: Floats, lamps: Floats) -> list[Candidate]:
     """The candidates with probabilities after what was seen: one of them is right, or none, and of the wrong ones a share are
     reflections."""
     wrong = np.logaddexp(math.log(1.0 - REFLECTION_SHARE) + still, math.log(REFLECTION_SHARE) + lamps)

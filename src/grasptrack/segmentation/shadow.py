@@ -66,10 +66,10 @@ def _cut_out(image: Pixels, shape: Silhouette, only_cast: bool) -> Silhouette | 
 
 def _crop_window(image: Pixels, shape: Silhouette, step: int = 1) -> tuple[Floats32, tuple[int, int], Grey]:
     """(h, w, C) the blurred image around a silhouette, its origin, and the filled silhouette; every step-th pixel."""
-    left, top, right, bottom = window = shape.window(WINDOW_MARGIN, image.shape)
+    left, top, right, bottom = window = shape.box_window(WINDOW_MARGIN, image.shape)
     seen = image[top:bottom, left:right]
     part = cv2.GaussianBlur(seen, (5, 5), SOFTENING) if step == 1 else seen[::step, ::step]
-    filled = np.ascontiguousarray(shape.fill(window)[::step, ::step])
+    filled = np.ascontiguousarray(shape.filled_window(window)[::step, ::step])
     return np.asarray(part, dtype=np.float32).reshape(*filled.shape, -1), (left, top), filled
 
 

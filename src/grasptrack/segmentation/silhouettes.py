@@ -49,21 +49,21 @@ class Silhouette(NamedTuple):
     box: tuple[int, int, int, int]
 
     @property
-    def extent(self) -> int:
+    def longer_side(self) -> int:
         """px, the longer side of the box."""
         return max(self.box[2:])
 
-    def depth(self, x: float, y: float) -> float:
+    def depth_at(self, x: float, y: float) -> float:
         """px by which a pixel lies within the outer boundary, negative outside."""
         return float(cv2.pointPolygonTest(self.outer, (float(x), float(y)), True))
 
-    def ring(self, most: int) -> Floats:
+    def boundary_points(self, most: int) -> Floats:
         """(N, 2) px, about `most` points of its outer boundary, with positive signed area."""
         chain = self.outer[:: max(1, len(self.outer) // most)]
         forward = cv2.contourArea(self.outer, oriented=True) > 0.0
         return np.ascontiguousarray(chain if forward else chain[::-1], dtype=np.float64)
 
-    def window(self, margin: int, size: tuple[int, ...]) -> Window:
+    def box_window(self, margin: int, size: tuple[int, ...]) -> Window:
         """The box with a margin in px on each side, as far as it lies in an image of (height, width)."""
         x, y, w, h = self.box
         return (
@@ -73,7 +73,7 @@ class Silhouette(NamedTuple):
             min(y + h + margin, size[0]),
         )
 
-    def fill(self, window: Window) -> Grey:
+    def filled_window(self, window: Window) -> Grey:
         """(h, w) of a window, 255 within the outer boundary."""
         left, top, right, bottom = window
         filled = np.zeros((bottom - top, right - left), np.uint8)
@@ -171,7 +171,7 @@ def candidate_thresholds(values: NDArray[np.uint8]) -> list[float]:
     """Otsu's threshold of all grey levels, and of those on either side of it, where these differ."""
     # OpenCV needs a contiguous channel, and is ten times as fast as bincount
     grey = np.ascontiguousarray(values)
-    histogram = cv2.calcHist([grey], [0], None, [256], [0.0, 256.0]).ravel().astype(np.float64)
+    histogram = cv2.calcHist([grey], [0], None, [256], [0, 256]).ravel().astype(np.float64)
     middle = otsu_threshold(histogram)
     if middle is None:
         return []

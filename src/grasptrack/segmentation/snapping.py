@@ -92,7 +92,7 @@ class OutlineSnapper:
     ) -> None:
         self._px = edges.shrink
         self._planes = edges.planes
-        self._across, self._along = edges.fields[0].slopes
+        self._across, self._along = edges.fields[0].gradient_components
         height, width = self._across.shape
         self._map = None
         if map_ is not None:
@@ -124,7 +124,7 @@ class OutlineSnapper:
         low = np.floor(np.minimum(own.min(axis=0), back.min(axis=(0, 1)))).astype(np.int32) - MARGIN
         high = np.ceil(np.maximum(own.max(axis=0), back.max(axis=(0, 1)))).astype(np.int32) + MARGIN + 1
         line, at = (np.rint(points - low).astype(np.int32) for points in (own, back))
-        return float((_distances(line, at, high - low) <= RETURNED).mean())
+        return float((_polyline_distances(line, at, high - low) <= RETURNED).mean())
 
     def _to_working(self, polygon: Floats) -> Floats:
         return np.asarray((polygon - 0.5 * (self._px - 1)) / self._px, dtype=np.float64)
@@ -182,10 +182,10 @@ def outline_agreement(shape: Silhouette, polygon: Floats, tolerance: float) -> f
     drawn, found = np.rint(polygon - low).astype(np.int32), (shape.outer - low).astype(np.int32)
     points = np.rint(_resample_polygon(polygon, STEP)[0] - low).astype(np.int32)
     pairs = ((drawn, found), (found, points))
-    return min(float((_distances(line, asked, high - low) <= tolerance).mean()) for line, asked in pairs)
+    return min(float((_polyline_distances(line, asked, high - low) <= tolerance).mean()) for line, asked in pairs)
 
 
-def _distances(line: NDArray[np.int32], at: NDArray[np.int32], size: NDArray[np.int32]) -> Floats32:
+def _polyline_distances(line: NDArray[np.int32], at: NDArray[np.int32], size: NDArray[np.int32]) -> Floats32:
     """(...) px from pixels (..., 2) to a closed polyline (n, 2), both in a plane of (width, height)."""
     plane = np.full((size[1], size[0]), FAR, np.uint8)
     cv2.polylines(plane, [line.reshape(-1, 1, 2)], True, (0,), 1)

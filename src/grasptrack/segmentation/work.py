@@ -15,7 +15,7 @@ class AreaCost(float):
 
     def of(self, pixels: float) -> float:
         """ms for so many px."""
-        return self * pixels / 1e6
+        return self * pixels / 1_000_000
 
 
 PREPARED, GRADIENTS = AreaCost(8.0), AreaCost(35.0)

@@ -64,7 +64,7 @@ class ServoClock:
         self.jumps = 0
 
     @property
-    def pace(self) -> float:
+    def usual_step(self) -> float:
         """s, the usual step; 0 before there is one."""
         return median(self._steps) if self._steps else 0.0
 
@@ -81,17 +81,17 @@ class ServoClock:
         step = told - last
         if abs(step) > CLOCK_GAP:
             self._stalled, self.jumps = 0, self.jumps + 1
-            self._now += self.pace
-            return Tick(self._now, min(self.pace, LONGEST_STEP), True, step)
+            self._now += self.usual_step
+            return Tick(self._now, min(self.usual_step, LONGEST_STEP), True, step)
         self.jumps = 0
         if step <= 0.0:
             self._told = last  # a time that was a little earlier than the last one does not count twice
             self._stalled += 1
-            passed = (self.pace or USUAL_STEP) if self._stalled > MAX_STALLED else 0.0
+            passed = (self.usual_step or USUAL_STEP) if self._stalled > MAX_STALLED else 0.0
             self._now += passed
             return Tick(self._now, min(passed, LONGEST_STEP), False)
         self._stalled = 0
-        usual = self.pace or step  # as it was before this one, which may be the clock's
+        usual = self.usual_step or step  # as it was before this one, which may be the clock's
         self._steps.append(step)
         self._now += step
         return Tick(self._now, min(step, usual, LONGEST_STEP), True)
@@ -127,7 +127,7 @@ class ImageGate:
         self.refusal = NO_IMAGE
 
     @property
-    def interval(self) -> float:
+    def image_interval(self) -> float:
         """s from one new image to the next, where none is missing; 0 before there were two.
 
         The lower quartile: one that were the median would grow with the images that are missing, and with it the time for
@@ -137,7 +137,7 @@ class ImageGate:
 
     def greatest_age(self) -> float:
         """s."""
-        usual = max(self._least_age, PATIENCE_IMAGES * self.interval) + self._latency
+        usual = max(self._least_age, PATIENCE_IMAGES * self.image_interval) + self._latency
         return usual if self._max_age is None else self._max_age
 
     def why_not(self, result: TrackResult, now: float, time: float, taken: float | None, hand: Floats) -> str:
@@ -174,7 +174,7 @@ class ImageGate:
         self._lags.clear()
 
     def _find_fault(self, result: TrackResult, time: float, taken: float | None, hand: Floats) -> str:
-        if result.repeated and not _stands(self._pixels_from, hand):
+        if result.repeated and not _is_standing(self._pixels_from, hand):
             return SAME_IMAGE
         if taken is not None:
             if self._taken is not None and taken <= self._taken:
@@ -196,7 +196,7 @@ class ImageGate:
         return ""
 
 
-def _stands(before: Floats | None, hand: Floats) -> bool:
+def _is_standing(before: Floats | None, hand: Floats) -> bool:
     """Whether the hand (4, 4) is where it was."""
     if before is None:
         return True

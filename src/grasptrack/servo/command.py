@@ -84,7 +84,7 @@ class Intent:
     close: bool = False
     open: bool = False
 
-    def command(self, twist: Floats, pose: GraspPose | None) -> Command:
+    def command_with(self, twist: Floats, pose: GraspPose | None) -> Command:
         """The command with the twist (6,) that limits allow."""
         f = self.found
         if f is None:

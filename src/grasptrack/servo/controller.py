@@ -196,7 +196,7 @@ class GraspServo:
     @property
     def calibration(self) -> HandEye | None:
         """Focal length and mounting of the camera as the moves so far have told, with covariance; None before."""
-        known = None if self._known.exploring else self._known.trusted()
+        known = None if self._known.is_exploring else self._known.trusted_estimate()
         return None if known is None else HandEye.from_estimate(known)
 
     @property
@@ -226,16 +226,16 @@ class GraspServo:
             raise InputError(f"an opening is 0 or more, in m, not {opening:g}", opening=opening)
         if self.state != "closing":
             return
-        why = "" if held or opening is None else judge_opening(opening, self._width(), self.goal.opening or math.nan)
+        why = "" if held or opening is None else judge_opening(opening, self._width_m(), self.goal.opening or math.nan)
         if held or (held is None and not why):
-            self._set("done", "something is held")
+            self._set_state("done", "something is held")
         elif self._retries > 0:
             self._retries -= 1
             self._opens, self._since, self._began = True, math.nan, math.inf  # the next try has its own time limit
-            self._set("retreating", f"goes back and tries again: {why or 'closed on nothing'}")
+            self._set_state("retreating", f"goes back and tries again: {why or 'closed on nothing'}")
             self._forget_motion()
         else:
-            self._set("empty" if held is None else "failed", why or "closed on nothing")
+            self._set_state("empty" if held is None else "failed", why or "closed on nothing")
 
     def touched(self) -> None:
         """Tell that the hand felt something before it was to close: what is known of the distance is wrong, and it fails."""
@@ -246,7 +246,7 @@ class GraspServo:
     def stop(self, reason: str = "stopped by the caller") -> None:
         """End it: it fails for a reason of the caller's, brakes, and stands."""
         if not self.over:
-            self._set("failed", " ".join(reason.split()) or "stopped by the caller")
+            self._set_state("failed", " ".join(reason.split()) or "stopped by the caller")
 
     @arguments.checked(
         result=arguments.instance(TrackResult),
@@ -275,7 +275,7 @@ class GraspServo:
         """
         if taken is not None and taken > time:
             raise InputError(f"an image taken at {taken:g} s cannot be seen at {time:g} s: are both on one clock?")
-        return self._step(time, check_pose(pose), result, taken)
+        return self._step_control(time, check_pose(pose), result, taken)
 
     @arguments.checked(time=arguments.finite, pose=arguments.array(unbounded=True))
     def between(self, *, time: float, pose: ArrayLike) -> Command:
@@ -294,27 +294,27 @@ class GraspServo:
         Raises:
             InputError: a time that is no finite number, or a pose that is none. Nothing changes then.
         """
-        return self._step(time, check_pose(pose), None, None)
+        return self._step_control(time, check_pose(pose), None, None)
 
     # --- steps ------------------------------------------------------------------------------------
 
-    def _step(self, time: float, hand: Floats, result: TrackResult | None, taken: float | None) -> Command:
+    def _step_control(self, time: float, hand: Floats, result: TrackResult | None, taken: float | None) -> Command:
         """One call of either: whatever happens within, a twist that the watchdog allows comes of it."""
         tick = self._clock.advance(time)
         try:
             with np.errstate(all="ignore"):
-                wanted = self._decide(self._take_in(tick, hand, result, time, taken), tick)
+                wanted = self._decide_intent(self._take_in(tick, hand, result, time, taken), tick)
         except (
             Exception
         ) as error:  # a fault of this program's: the arm goes on with the last twist unless it gets another
             wanted = Intent("failed", f"internal error, please report it: {type(error).__name__}: {error}")
         self._watchdog.over = wanted.state in OVER
-        verdict = self._watchdog.check(wanted.twist, hand, tick, self._clock.pace)
+        verdict = self._watchdog.limit_twist(wanted.twist, hand, tick, self._clock.usual_step)
         if verdict.failure:
             wanted = Intent("failed", verdict.failure)
-        self._set(wanted.state, " ".join(wanted.reason.split()))
-        self._arm.tell(verdict.twist)
-        return wanted.command(verdict.twist, self._grasp_pose(hand, tick.now, time))
+        self._set_state(wanted.state, " ".join(wanted.reason.split()))
+        self._arm.set_twist(verdict.twist)
+        return wanted.command_with(verdict.twist, self._grasp_pose(hand, tick.now, time))
 
     def _take_in(self, tick: Tick, hand: Floats, result: TrackResult | None, time: float, taken: float | None) -> _Now:
         """The call as what it is: with a new image, or without one."""
@@ -335,13 +335,13 @@ class GraspServo:
             at = self._poses.pose_at(tick.now - age - self._known.lateness)
             why = self._images.why_not(result, tick.now, time, taken, at) if tick.goes_on else TIME_STANDS
             if not why and not result.repeated:
-                self._watchdog.note_image(tick.now, self._images.interval)
+                self._watchdog.note_image(tick.now, self._images.image_interval)
             if not why and not self._watchdog.is_blind(tick.now):
                 self._age, self._result = age, result
                 return _Now(tick.now, tick.step, hand, result, "")
         return _Now(tick.now, tick.step, hand, None, why or SAME_IMAGE)
 
-    def _decide(self, now: _Now, tick: Tick) -> Intent:
+    def _decide_intent(self, now: _Now, tick: Tick) -> Intent:
         """What the states say, the most urgent first."""
         if self.over:
             return Intent(self.state, self.reason)
@@ -386,9 +386,9 @@ class GraspServo:
             return self._intent_between(now)
         if seen is not None and fits:
             self._unseen.note_seen(now.time)
-            return self._exploring_intent(now) if known.exploring else self._approach_goal(now, now.result, seen)
+            return self._exploring_intent(now) if known.is_exploring else self._approach_goal(now, now.result, seen)
         self._doubt.reset_count()
-        if known.exploring and self._unseen.seen_recently(now.time, self._watchdog.patience):
+        if known.is_exploring and self._unseen.seen_recently(now.time, self._watchdog.patience):
             return self._exploring_intent(now)
         return self._handle_loss(now, now.result, seen is not None)
 
@@ -399,13 +399,13 @@ class GraspServo:
             if self._grasp is not None:
                 known.change_grasp()
                 self._order = None
-                self._follows.forget()
+                self._follows.forget_sightings()
             self._grasp = result.grasp_id
         shot = now.time - self._age - known.lateness
         seen = self._observer.observe_result(result, shot, self._poses.pose_at(shot))
         if seen is None:
             return None, False
-        if isinstance(known.estimate, Estimate) and not known.exploring:  # too little is known before
+        if isinstance(known.estimate, Estimate) and not known.is_exploring:  # too little is known before
             known.failed = known.failed or self._follows.why_not(seen, known.estimate)
         return seen, known.take_observation(seen)
 
@@ -421,11 +421,11 @@ class GraspServo:
             return self._unseen.wait_for_first("no image yet", now.time - self._began)
         if self._watchdog.is_blind(now.time):
             self._doubt.reset_count()
-            if known.exploring:
+            if known.is_exploring:
                 known.interrupt_move()
             return self._unseen.stand_blind(now.why, self._watchdog.seconds_blind(now.time))
         if self._unseen.seen_recently(now.time, patience) and self.state in ("approaching", "converged"):
-            if known.exploring:
+            if known.is_exploring:
                 return self._exploring_intent(now)
             found = self._compute_aim(now, None)
             if found is not None:
@@ -440,7 +440,7 @@ class GraspServo:
             return Intent("holding", "the goal would lie behind the camera, or nowhere: begins anew")
         self._trail.add(now.time, now.hand)
         if self._known.displacements == 0:  # what is found displaced still lies on the same table
-            self._watchdog.floor = found.height - self._watchdog.rise(now.hand) + FLOOR_BELOW_GOAL
+            self._watchdog.floor = found.height - self._watchdog.rise_of(now.hand) + FLOOR_BELOW_GOAL
         carried = self._following_twist(now.hand)
         if found.aligned and found.height > 0.5 * self.standoff and self._known.explore_again():
             return Intent("approaching", "explores again before it goes down", carried, found)
@@ -473,7 +473,7 @@ class GraspServo:
         if math.isnan(self._since):
             self._since = self._began = now.time
             self._watchdog.begin_anew()
-            self._trail.begin(now.time, now.hand)
+            self._trail.start_retreat(now.time, now.hand)
             self._known.lose_object(now.time)
         carried = self._following_twist(now.hand)
         back = self._trail.twist_back(now.time, now.hand, now.hand[:3, :3] @ carried[:3])
@@ -485,11 +485,11 @@ class GraspServo:
     def _handle_loss(self, now: _Now, result: TrackResult, located: bool) -> Intent:
         """Nothing is seen that fits."""
         known = self._known
-        if known.exploring:
+        if known.is_exploring:
             known.interrupt_move()
 
         def coasting_aim() -> Aim | None:
-            return None if known.exploring else self._compute_aim(now, None)
+            return None if known.is_exploring else self._compute_aim(now, None)
 
         why = "what is seen does not fit what is known" if located else result.reason or result.status
         carried = self._following_twist(now.hand)
@@ -515,14 +515,14 @@ class GraspServo:
         out = np.zeros(6)
         known = self._known.estimate
         if known is not None:
-            velocity, normal = hand[:3, :3].T @ known.object_velocity(), known.normal(hand)
+            velocity, normal = hand[:3, :3].T @ known.object_velocity(), known.plane_normal(hand)
             out[:3] = velocity - normal * (normal @ velocity)
             out[2] *= self.dof == 6  # nothing that lies on a table comes nearer by itself
         return out
 
     def _grasp_pose(self, hand: Floats, now: float, time: float) -> GraspPose | None:
         """Where the grasp is in the base, at a time of the servo's that is `time` on the caller's clock."""
-        known = None if self._known.exploring else self._known.trusted()
+        known = None if self._known.is_exploring else self._known.trusted_estimate()
         if known is None:
             return None
         try:
@@ -533,15 +533,15 @@ class GraspServo:
         is_finite = np.isfinite(found.covariance).all() and np.isfinite(found.contacts).all()
         return replace(found, time=float(time)) if is_finite else None
 
-    def _width(self) -> float:
+    def _width_m(self) -> float:
         """m between the first two contacts, as the moves have told; NaN where they have not."""
         known = self._known.estimate
-        return math.dist(*known.shape()[:2].tolist()) if isinstance(known, Estimate) else math.nan
+        return math.dist(*known.plane_points()[:2].tolist()) if isinstance(known, Estimate) else math.nan
 
     def _forget_motion(self) -> None:
         """What was told and what came of it are no longer compared: the clock has jumped, or somebody else moves the arm."""
-        self._arm.forget()
-        self._follows.forget()
+        self._arm.forget_moves()
+        self._follows.forget_sightings()
 
-    def _set(self, state: State, reason: str) -> None:
+    def _set_state(self, state: State, reason: str) -> None:
         self.state, self.reason = state, reason

@@ -68,7 +68,7 @@ class Prior:
     slope: float = 0.01
     speed: float = 0.3
 
-    def covariance(self, camera: HandCamera, object_: Placed, hand: Floats) -> Floats:
+    def prior_covariance(self, camera: HandCamera, object_: Placed, hand: Floats) -> Floats:
         """(16 + 2n, 16 + 2n) of all unknowns."""
         n = SHAPE + 2 * len(object_.points)
         deviation = np.full(n, 0.1 * float(np.abs(object_.points).max()))
@@ -158,15 +158,15 @@ class Estimate:
         P[POSE.stop - 1, POSE.stop - 1] += 0.3**2
         P[SPEED, SPEED] += 0.2**2 * np.eye(3)
 
-    def settle(self) -> None:
+    def forget_displacement(self) -> None:
         """The object rests, or moves evenly again."""
         self.displaced_at = -np.inf
 
-    def follow(self, other: Estimate) -> None:
+    def adopt_outliers(self, other: Estimate) -> None:
         """Remember what another estimate of the same object saw last that did not fit."""
         self._away = other._away
 
-    def shape(self) -> Floats:
+    def plane_points(self) -> Floats:
         """The points in the object's plane, (n, 2) m."""
         return self.object.points
 
@@ -185,7 +185,7 @@ class Estimate:
         variance = float(row @ self.covariance[SHAPE : SHAPE + 4, SHAPE : SHAPE + 4] @ row)
         return math.sqrt(max(variance, 0.0)) / max(math.hypot(a - c, b - d) ** 2, 1e-12)
 
-    def normal(self, hand: Floats) -> Floats:
+    def plane_normal(self, hand: Floats) -> Floats:
         """The plane's normal (3,) in the hand's frame, away from the hand."""
         n = hand[:3, :3].T @ self.object.turn[:, 2]
         return np.asarray(n if n[2] > 0.0 else -n)
@@ -382,7 +382,7 @@ class WhitenedSightings:
         off = (self._white @ (seen.points - pixels.reshape(shape))[..., None])[..., 0]
         return off.reshape(len(seen.hands), -1), slopes.reshape(*shape, -1)
 
-    def jacobian(self, slopes: Floats) -> Floats:
+    def whitened_jacobian(self, slopes: Floats) -> Floats:
         """(N, 2n, 16 + 2n), whitened."""
         return np.asarray((self._white @ slopes).reshape(len(slopes), -1, slopes.shape[-1]))
 
@@ -417,7 +417,7 @@ class _Evidence:
         """The normal equations A x = b."""
         weight = 1.0 / (1.0 + self._size2 / (ROBUST_SIZE * scale) ** 2) ** 2
         behind = ~np.isfinite(self._size2)  # the camera: they count as far off, and ask for nothing
-        J, off = self._seen.jacobian(self._slopes), self._off.copy()
+        J, off = self._seen.whitened_jacobian(self._slopes), self._off.copy()
         off[behind], J[behind] = 0.0, 0.0
         JW = (J * weight[:, None, None]).reshape(-1, J.shape[-1])
         A = np.asarray(JW.T @ J.reshape(-1, J.shape[-1]) + self._known)
@@ -437,12 +437,12 @@ class ClassicalIBVS:
 
     def __init__(self, seen: Observation, believed: NominalCamera, centre: Floats) -> None:
         self.camera = believed.camera(centre)
-        self._length = seen.length * believed.distance / self.camera.focal
+        self._length = seen.contact_spread * believed.distance / self.camera.focal
         self.observe(seen)
 
     def observe(self, seen: Observation) -> float:
         """Put the object where it is seen now; it always fits."""
-        depth = self.camera.focal * self._length / seen.length
+        depth = self.camera.focal * self._length / seen.contact_spread
         self.object = place_object(self.camera, seen, depth)
         return 0.0
 
@@ -450,7 +450,7 @@ class ClassicalIBVS:
         """The points (n, 3) m in the hand's frame."""
         return np.asarray((self.object.in_base() - hand[:3, 3]) @ hand[:3, :3])
 
-    def shape(self) -> Floats:
+    def plane_points(self) -> Floats:
         """The points in the object's plane, (n, 2) m."""
         return self.object.points
 
@@ -458,7 +458,7 @@ class ClassicalIBVS:
         """(3,) m/s: none is estimated."""
         return np.zeros(3)
 
-    def normal(self, hand: Floats) -> Floats:
+    def plane_normal(self, hand: Floats) -> Floats:
         """The plane's normal (3,) in the hand's frame: it is taken to face the hand as at the last sighting."""
         return np.asarray(hand[:3, :3].T @ self.object.turn[:, 2])
 

@@ -65,7 +65,7 @@ class Signals(NamedTuple):
     segment: Complex
 
     @property
-    def noise(self) -> Floats:
+    def signal_noise(self) -> Floats:
         """(N,) of s."""
         return MOVE_NOISE_PX / self.length
 
@@ -74,7 +74,7 @@ def signals_of(seen: Sequence[Observation], base: Floats, centre: Floats) -> Sig
     """Sightings in the frame (4, 4) whose inverse is `base`; `centre` (2,) px is the middle of the image."""
     poses = np.array([base @ s.hand for s in seen])
     contacts = [s.points[: s.contacts] for s in seen]
-    length = np.array([s.length for s in seen])
+    length = np.array([s.contact_spread for s in seen])
     middle = np.array([sum(complex_numbers(c)) / len(c) for c in contacts]) - complex(*centre)
     segment = np.array([complex(*(c[1] - c[0])) for c in contacts])
     theta = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
@@ -112,7 +112,7 @@ def initialize_calibration(
         raise UnexploredError("too few images of the exploratory moves")
     found = signals_of(seen, inverse_pose(seen[0].hand), frame.centre)
     fit = fit_moves(found)
-    off = np.asarray(np.abs(fit.left) / found.noise, dtype=np.float64)
+    off = np.asarray(np.abs(fit.left) / found.signal_noise, dtype=np.float64)
     m, ok = complex(-fit.terms[0]), off < 6.0 * max(1.0, 1.5 * float(_last_axis_median(off)))
     if not 1.0 / widest < abs(m) < 1e4:
         raise UnexploredError(
@@ -122,7 +122,7 @@ def initialize_calibration(
     focal = _estimate_focal_length(found.z[ok], found.length[ok], L, FOCAL_GUESS * frame.side)
     camera = HandCamera(focal, frame.centre, rotation_about_z(phi), np.zeros(3))
     chosen = [x for x, good in zip(seen, ok, strict=True) if good]
-    depth = focal * L / chosen[0].length
+    depth = focal * L / chosen[0].contact_spread
     origin = origin_of(chosen[0], camera, depth, Prior(slope=slope))
     return FirstEstimate(origin, *refine_estimate(origin, chosen, steps=INITIAL_STEPS))
 
@@ -130,7 +130,7 @@ def initialize_calibration(
 def origin_of(seen: Observation, camera: HandCamera, depth: float, prior: Prior) -> Origin:
     """What is known before: a camera, and the object where it is seen `depth` m before it, facing the hand."""
     object_ = place_object(camera, seen, depth, prior.slope)
-    return Origin(camera, object_, prior.covariance(camera, object_, seen.hand), seen.time)
+    return Origin(camera, object_, prior.prior_covariance(camera, object_, seen.hand), seen.time)
 
 
 def initialize_from_nominal(seen: Observation, believed: NominalCamera, centre: Floats, slope: float) -> FirstEstimate:
@@ -140,16 +140,16 @@ def initialize_from_nominal(seen: Observation, believed: NominalCamera, centre: 
     return FirstEstimate(origin, *refine_estimate(origin, [seen]))
 
 
-class Fit(NamedTuple):
+class LinearFit(NamedTuple):
     """The linear model as it fits: its terms (4,) -m, m P, m V and -tau, and what it leaves (N,) of s."""
 
     terms: Complex
     left: Complex
 
 
-def fit_moves(found: Signals) -> Fit:
+def fit_moves(found: Signals) -> LinearFit:
     """The linear model that fits best: of random subsets the best, then reweighted least squares; half may be wrong."""
-    p, s, noise = found.p, found.s, found.noise
+    p, s, noise = found.p, found.s, found.signal_noise
     back = np.exp(-1j * found.theta)
     A = np.column_stack([back * p, back, back * found.t, np.ones(len(p))])
     rng = np.random.default_rng(0)
@@ -164,7 +164,7 @@ def fit_moves(found: Signals) -> Fit:
         scale = max(1.0, 1.5 * float(_last_axis_median(left)))
         weight = 1.0 / (1.0 + (left / (3.0 * scale)) ** 2)
         best = _solve_ridge(A, s, weight / noise, ridge)
-    return Fit(best, np.asarray(A @ best - s))
+    return LinearFit(best, np.asarray(A @ best - s))
 
 
 def _last_axis_median(values: Floats) -> Floats:

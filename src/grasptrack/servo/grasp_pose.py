@@ -87,7 +87,7 @@ def grasp_pose(known: Estimate, contacts: int, hand: Floats, time: float, dof: i
         time: s, of which it shall be true. The object goes on until then.
         dof: 4 or 6.
     """
-    e = _advanced(known, time)
+    e = _advanced_copy(known, time)
     o, k = e.object, contacts
     places = o.predict_after(time - e.time).in_base()[:k]
     J = _contact_slopes(e, k)
@@ -149,7 +149,7 @@ def tips_to_contacts(known: Estimate, contacts: int, goal: Goal, hand: Floats, t
         hand: (4, 4), the hand's pose in the base.
         time: s, of which it shall be true.
     """
-    e = _advanced(known, time)
+    e = _advanced_copy(known, time)
     R, camera = hand[:3, :3], e.camera
     at = e.object.predict_after(time - e.time).in_base()[:contacts].mean(axis=0)
     J = R.T @ _contact_slopes(e, contacts).mean(axis=0)
@@ -175,7 +175,7 @@ def tips_to_contacts(known: Estimate, contacts: int, goal: Goal, hand: Floats, t
     return Shift(R.T @ (at - hand[:3, 3]) - tips, J @ e.covariance @ J.T)
 
 
-def _advanced(known: Estimate, time: float) -> Estimate:
+def _advanced_copy(known: Estimate, time: float) -> Estimate:
     """A copy, at the later of both times."""
     out = copy.copy(known)
     out.advance(time)

@@ -165,24 +165,24 @@ class HandEye:
             InputError: it cannot be written.
         """
         sd = self.standard_deviations()
-        transform = "\n".join(f"  {name}: {value!r}" for name, value in self._transform().items())
-        rows = "\n".join(f"    - {_listed(row)}" for row in self.covariance)
+        transform = "\n".join(f"  {name}: {value!r}" for name, value in self._transform_values().items())
+        rows = "\n".join(f"    - {_yaml_list(row)}" for row in self.covariance)
         text = f"""{_HEAD}parameters:
   namespace: {json.dumps(Path(path).stem)}
   move_group_namespace: "/"
   move_group: "manipulator"
   eye_on_hand: true
-{_frames(base, hand, camera)}
+{_frame_names(base, hand, camera)}
 transformation:  # from the hand to the camera's optical frame: m, and a unit quaternion
 {transform}
 grasptrack:
   format: {FILE_FORMAT}
   size_px: {list(self.size)}  # width, height
   focal_px: {self.focal!r}
-  centre_px: {_listed(self.centre)}  # of the optical axis; the centre of the top-left pixel is at 0, 0
+  centre_px: {_yaml_list(self.centre)}  # of the optical axis; the centre of the top-left pixel is at 0, 0
   focal_sd_px: {float(self.focal * sd[FOCAL])!r}
-  turn_sd_rad: {_listed(sd[TURN])}  # about the camera's x, y, z
-  offset_sd_m: {_listed(sd[OFFSET])}  # along the hand's x, y, z
+  turn_sd_rad: {_yaml_list(sd[TURN])}  # about the camera's x, y, z
+  offset_sd_m: {_yaml_list(sd[OFFSET])}  # along the hand's x, y, z
   covariance:  # of the log of the focal length; turn, rad, about the camera's axes; offset, m, along the hand's
 {rows}
 """
@@ -217,24 +217,24 @@ grasptrack:
             options = map(json.dumps, self.static_transform(hand=hand, camera=camera))
             text = _LAUNCH.replace("OPTIONS", ",\n                    ".join(options))
         else:
-            sd, transform = self.standard_deviations(), self._transform()
+            sd, transform = self.standard_deviations(), self._transform_values()
             rows = [f"    {name.removeprefix('q')}: {value!r}" for name, value in transform.items()]
             text = f"""{_HEAD}parameters:
   name: {json.dumps(Path(path).stem)}
   calibration_type: "eye_in_hand"
-{_frames(base, hand, camera)}
+{_frame_names(base, hand, camera)}
   freehand_robot_movement: true
 transform:
-  translation:  # m; standard deviations {_listed(sd[OFFSET])}
+  translation:  # m; standard deviations {_yaml_list(sd[OFFSET])}
 {chr(10).join(rows[:3])}
-  rotation:  # standard deviations in rad about the camera's axes {_listed(sd[TURN])}
+  rotation:  # standard deviations in rad about the camera's axes {_yaml_list(sd[TURN])}
 {chr(10).join(rows[3:])}
 """
         write_text(Path(path), text, "calibration")
 
     def static_transform(self, *, hand: str = "tool0", camera: str = "camera_optical_frame") -> list[str]:
         """The arguments of `ros2 run tf2_ros static_transform_publisher`: m, a quaternion, and the frames' names."""
-        out = [part for name, value in self._transform().items() for part in (f"--{name}", repr(value))]
+        out = [part for name, value in self._transform_values().items() for part in (f"--{name}", repr(value))]
         return [*out, "--frame-id", hand, "--child-frame-id", camera]
 
     def static_transform_command(self, *, hand: str = "tool0", camera: str = "camera_optical_frame") -> str:
@@ -269,16 +269,16 @@ transform:
         if isinstance(parameters, dict) and parameters.get("eye_on_hand", True) is not True:
             raise InputError("is of a camera that is not on the hand: eye_on_hand is true")
         names = ", ".join(TRANSFORM_KEYS)
-        values = _numbers([transform.get(name) for name in TRANSFORM_KEYS], (7,), f"transformation, with {names}")
+        values = _numbers_of([transform.get(name) for name in TRANSFORM_KEYS], (7,), f"transformation, with {names}")
         if abs(float(values[3:] @ values[3:]) - 1.0) > FILE_ROUNDING:
             raise InputError("has a unit quaternion qx, qy, qz, qw", quaternion=values[3:].tolist())
         size = own.get("size_px")
         if not isinstance(size, list) or len(size) != 2 or not all(type(v) is int and v > 0 for v in size):
             raise InputError(f"has size_px, width and height in px, not {size!r}")
-        focal = float(_numbers([own.get("focal_px")], (1,), "focal_px, a number of px")[0])
+        focal = float(_numbers_of([own.get("focal_px")], (1,), "focal_px, a number of px")[0])
         if not focal > 0.0:
             raise InputError(f"has a focal_px that is positive, not {focal:g}", focal=focal)
-        covariance = _numbers(
+        covariance = _numbers_of(
             own.get("covariance"), (CAMERA_UNKNOWNS, CAMERA_UNKNOWNS), "covariance, 7 rows of 7 numbers"
         )
         sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
@@ -288,11 +288,11 @@ transform:
             or float(np.linalg.eigvalsh(relative).min()) < -FILE_ROUNDING
         ):
             raise InputError("has a covariance that is symmetric, without negative eigenvalues")
-        centre = _numbers(own.get("centre_px"), (2,), "centre_px, x and y in px")
+        centre = _numbers_of(own.get("centre_px"), (2,), "centre_px, x and y in px")
         mounting = pose_of(_rotation_of(values[3:]), values[:3])
         return cls(focal, centre, (size[0], size[1]), check_pose(mounting), 0.5 * (covariance + covariance.T))
 
-    def _transform(self) -> dict[str, float]:
+    def _transform_values(self) -> dict[str, float]:
         """Position in m and unit quaternion of the camera in the hand's frame, by their keys."""
         values = (*self.mounting[:3, 3].tolist(), *_quaternion_of(self.mounting[:3, :3]))
         return dict(zip(TRANSFORM_KEYS, values, strict=True))
@@ -323,12 +323,12 @@ def _rotation_of(quaternion: Floats) -> Floats:
     ])  # fmt: skip
 
 
-def _listed(values: Floats) -> str:
+def _yaml_list(values: Floats) -> str:
     """Numbers as YAML has a list."""
     return f"[{', '.join(repr(float(v)) for v in values)}]"
 
 
-def _frames(base: str, hand: str, camera: str) -> str:
+def _frame_names(base: str, hand: str, camera: str) -> str:
     """The frames' names as all of easy_handeye's files have them."""
     return f"""  robot_base_frame: {json.dumps(base)}
   robot_effector_frame: {json.dumps(hand)}
@@ -336,7 +336,7 @@ def _frames(base: str, hand: str, camera: str) -> str:
   tracking_marker_frame: "grasp\""""
 
 
-def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Floats:
+def _numbers_of(value: Any, shape: tuple[int, ...], what: str) -> Floats:
     """Finite numbers of a file as an array of a shape, or an InputError that says what the file has to have."""
     rows = value if len(shape) == 2 else [value]
     if not isinstance(rows, list) or (len(shape) == 2 and len(rows) != shape[0]):

@@ -162,8 +162,8 @@ def compute_aim(
     """
     k, camera, dof, standoff = len(how.order), known.camera, how.dof, how.standoff
     points = known.in_hand(hand, time)[:k]
-    right = how.goal.targets(camera, known.shape()[:k], how.order)
-    normal = known.normal(hand)
+    right = how.goal.targets(camera, known.plane_points()[:k], how.order)
+    normal = known.plane_normal(hand)
     places = [points] if seen is None else [points, known.in_hand(seen.hand, seen.time)[:k]]
     pixels = camera.project(np.concatenate(places)).reshape(-1, k, 2)
     contacts = pixels[0] if seen is None else pixels[0] + seen.points[:k] - pixels[1]

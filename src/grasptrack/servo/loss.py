@@ -177,7 +177,7 @@ class Trail:
         if not self._places or math.dist(self._places[-1].pose[:3, 3], hand[:3, 3]) > PLACE_DISTANCE:
             self._places.append(_Place(now, hand))
 
-    def begin(self, now: float, hand: Floats) -> None:
+    def start_retreat(self, now: float, hand: Floats) -> None:
         """From here it goes back."""
         self._from = _Place(now, hand)
 
@@ -190,10 +190,10 @@ class Trail:
             velocity: (3,) m/s of the object in the base.
         """
         start = self._from
-        if start is None or math.dist(_carried(start, now, velocity), hand[:3, 3]) >= self._far:
+        if start is None or math.dist(_carried_place(start, now, velocity), hand[:3, 3]) >= self._far:
             return None
         while self._places:
-            way = _carried(self._places[-1], now, velocity) - hand[:3, 3]
+            way = _carried_place(self._places[-1], now, velocity) - hand[:3, 3]
             if float(np.sqrt(way @ way)) > PLACE_DISTANCE:
                 turn = rotation_vector(hand[:3, :3].T @ self._places[-1].pose[:3, :3])
                 size = float(np.sqrt(way @ way))
@@ -203,6 +203,6 @@ class Trail:
         return None
 
 
-def _carried(place: _Place, now: float, velocity: Floats) -> Floats:
+def _carried_place(place: _Place, now: float, velocity: Floats) -> Floats:
     """(3,) m, where a place of the object's surroundings is by now."""
     return np.asarray(place.pose[:3, 3] + (now - place.time) * velocity)

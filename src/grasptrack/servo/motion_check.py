@@ -48,7 +48,7 @@ UNIT_FACTOR = 100.0
 """Factor between both paths from which on they are in different units."""
 
 
-class _Moment(NamedTuple):
+class _ArmSample(NamedTuple):
     """A pose.
 
     Attributes:
@@ -72,13 +72,13 @@ class ArmCheck:
 
     def __init__(self, limits: Limits) -> None:
         self._limits, self._jumped = limits, ""
-        self._kept: deque[_Moment] = deque()
+        self._kept: deque[_ArmSample] = deque()
         self._hand: Floats | None = None
         self._twist: Floats = np.zeros(6)
         self._turned: Floats = np.zeros(3)
         self._told: Floats = np.zeros(12)
 
-    def forget(self) -> None:
+    def forget_moves(self) -> None:
         """The clock has jumped: what happened meanwhile is not known."""
         self._kept.clear()
         self._hand, self._jumped = None, ""
@@ -95,7 +95,7 @@ class ArmCheck:
             R = self._hand[:3, :3]
             self._told = self._told + np.concatenate([R @ v, TURN_LEVER * w, R.T @ v, v])
         inverse = -hand[:3, :3].T @ hand[:3, 3]
-        self._kept.append(_Moment(now, np.concatenate([hand[:3, 3], self._turned, inverse]), self._told))
+        self._kept.append(_ArmSample(now, np.concatenate([hand[:3, 3], self._turned, inverse]), self._told))
         self._hand = hand
         while len(self._kept) > MIN_POSES and self._kept[1].time <= now - PATH_WINDOWS[-1] - ARM_LAGS[-1]:
             self._kept.popleft()
@@ -116,7 +116,7 @@ class ArmCheck:
                 )
             )
 
-    def tell(self, twist: Floats) -> None:
+    def set_twist(self, twist: Floats) -> None:
         """The twist (6,) in the hand's frame that it is told from now on."""
         self._twist = twist
 
@@ -128,7 +128,7 @@ class ArmCheck:
         went, late = np.array([m.went for m in self._kept]), self._told_late(times)
         for window in PATH_WINDOWS:
             first = min(int(np.searchsorted(times, times[-1] - window)), len(times) - MIN_POSES)
-            why = _judge(_about_mean(went[first:]), [_about_mean(path) for path in late[:, first:]])
+            why = _fault_of(_about_mean(went[first:]), [_about_mean(path) for path in late[:, first:]])
             if why:
                 return why
         return ""
@@ -141,22 +141,22 @@ class ArmCheck:
         return np.asarray(told[after - 1] * (1.0 - share) + told[after] * share)
 
 
-def _judge(went: Floats, late: list[Floats]) -> str:
+def _fault_of(went: Floats, late: list[Floats]) -> str:
     """What is wrong of a path (N, 9), as it was told for each lag (N, 12), all about their means."""
     prompt = [path for path, lag in zip(late, ARM_LAGS, strict=True) if lag <= PROMPT_LAG]
-    least = min(_rms(path[:, :6]) for path in prompt)
-    if least > MIN_PATH and _rms(went[:, :6]) < MAX_STANDING_SHARE * least:
+    least = min(_rms_length(path[:, :6]) for path in prompt)
+    if least > MIN_PATH and _rms_length(went[:, :6]) < MAX_STANDING_SHARE * least:
         return "the arm does not move as it is told: the pose that is handed in does not follow"
     moved = went[:, :3]
-    if min(_rms(path[:, :3]) for path in prompt) < MIN_PATH or _rms(moved) < MIN_PATH:
+    if min(_rms_length(path[:, :3]) for path in prompt) < MIN_PATH or _rms_length(moved) < MIN_PATH:
         return ""
-    right = max((_explained(path[:, :3], moved) for path in late), key=_share)
+    right = max((_explained_by(path[:, :3], moved) for path in late), key=_explained_share)
     if right.share > MIN_FIT_SHARE and right.factor > UNIT_FACTOR:
         return _not_in_m(right.factor)
     if right.share >= MAX_UNFIT_SHARE:
         return ""
-    based = max((_explained(path[:, 9:], moved) for path in late), key=_share)
-    back = max((_explained(path[:, 6:9], went[:, 6:9]) for path in late), key=_share)
+    based = max((_explained_by(path[:, 9:], moved) for path in late), key=_explained_share)
+    back = max((_explained_by(path[:, 6:9], went[:, 6:9]) for path in late), key=_explained_share)
     if based.share > MIN_FIT_SHARE:
         return "the twist is executed in the base's frame: it is told in the hand's"
     if back.share > MIN_FIT_SHARE:
@@ -173,7 +173,7 @@ class _Explained(NamedTuple):
     factor: float
 
 
-def _share(found: _Explained) -> float:
+def _explained_share(found: _Explained) -> float:
     return found.share
 
 
@@ -181,11 +181,11 @@ def _about_mean(path: Floats) -> Floats:
     return np.asarray(path - path.mean(axis=0))
 
 
-def _rms(path: Floats) -> float:
+def _rms_length(path: Floats) -> float:
     return float(np.sqrt((path * path).sum() / len(path)))
 
 
-def _explained(by: Floats, path: Floats) -> _Explained:
+def _explained_by(by: Floats, path: Floats) -> _Explained:
     """The share of a path (N, 3) that another, times a positive factor, explains, and the factor."""
     both, own, all_ = float((by * path).sum()), float((by * by).sum()), float((path * path).sum())
     if both <= 0.0 or own <= 0.0:
@@ -217,7 +217,7 @@ class ImageCheck:
     def __init__(self) -> None:
         self._kept: deque[_Sighting] = deque()
 
-    def forget(self) -> None:
+    def forget_sightings(self) -> None:
         """What was seen before is no longer compared: another grasp, or another estimate."""
         self._kept.clear()
 
@@ -238,7 +238,7 @@ class ImageCheck:
                 break
             still.append(one)
         self._kept.append(_Sighting(seen, known.packed_state, known.covariance, known.time, known.wander_at(seen.time)))
-        if any(_contradicts(first, seen) for first in still[STILL_IMAGES - 2 :]):
+        if any(_is_contradicted(first, seen) for first in still[STILL_IMAGES - 2 :]):
             return (
                 "the image does not follow the hand: the object stands still in it while the hand moves, as in that of another "
                 "camera, of one that hangs, or where the object moves along with the hand"
@@ -246,7 +246,7 @@ class ImageCheck:
         return ""
 
 
-def _contradicts(before: _Sighting, seen: Observation) -> bool:
+def _is_contradicted(before: _Sighting, seen: Observation) -> bool:
     """Whether it is all but impossible, by what was believed before, that the image shows no motion now."""
     n, first = len(seen.points), before.seen
     hands = np.stack([first.hand, seen.hand])

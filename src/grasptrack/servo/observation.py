@@ -86,7 +86,7 @@ class Observation:
     contacts: int
 
     @property
-    def length(self) -> float:
+    def contact_spread(self) -> float:
         """px, twice the rms distance of the contacts from their mean: of two their distance."""
         return rms_diameter(self.points[: self.contacts])
 

@@ -181,25 +181,25 @@ class SelfCalibration:
         self.restarts += 1
         self.begin_anew()
 
-    def trusted(self) -> Estimate | None:
+    def trusted_estimate(self) -> Estimate | None:
         """The estimate with a covariance that is to be believed; None where there is none, or it cannot be told."""
         known = self.estimate
         if not isinstance(known, Estimate):
             return None
         try:
-            return self._trust.estimate(known, self._origin, self._seen, self._search)
+            return self._trust.with_true_covariance(known, self._origin, self._seen, self._search)
         except (ValueError, ArithmeticError, np.linalg.LinAlgError):
             return None
 
     def _look_for_drift(self, seen: Observation) -> None:
-        told = self.trusted()
+        told = self.trusted_estimate()
         if told is not None:
             with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
-                self.drifted = self._drift.take(seen, told, told.displaced_at) or self.drifted
+                self.drifted = self._drift.take_sighting(seen, told, told.displaced_at) or self.drifted
 
     def lose_object(self, time: float) -> None:
         """Nobody knows where the object went meanwhile; camera and shape stay known."""
-        if self.exploring:
+        if self.is_exploring:
             self._began = float("nan")  # the present move is made again
         if isinstance(self.estimate, Estimate):
             self.estimate.release_object(time)
@@ -213,7 +213,7 @@ class SelfCalibration:
             self.begin_anew()
 
     @property
-    def exploring(self) -> bool:
+    def is_exploring(self) -> bool:
         """Whether there are exploratory moves to make."""
         return self._asked and self._stage < len(self._order)
 
@@ -251,12 +251,12 @@ class SelfCalibration:
         if sum(not f for f in self._fits) >= MAX_MISFITS:
             self.restart_estimate()
             return False
-        if self.exploring:
+        if self.is_exploring:
             self._go_on(seen.time)
         elif self._setup.dof == 4 and self._has_moves and not self._is_displaced():
             self._check_tilt()
         self._refine_estimate()
-        if fits and not self.exploring:
+        if fits and not self.is_exploring:
             self._look_for_drift(seen)
         return fits
 
@@ -295,7 +295,7 @@ class SelfCalibration:
     def _keep_observation(self, seen: Observation) -> None:
         """Keep what tells more than the last one: sightings from elsewhere, or some time later."""
         self._since += 1
-        if self._seen and not self.exploring:
+        if self._seen and not self.is_exploring:
             last = self._seen[-1]
             way = float(np.abs(seen.hand - last.hand).max())
             if way < MIN_WAY and seen.time - last.time < MIN_DELAY:
@@ -324,7 +324,7 @@ class SelfCalibration:
                 self._origin = Origin(known.camera, known.object, known.covariance.copy(), known.time)
                 self._search = None
                 self._forget_sightings()
-                known.settle()
+                known.forget_displacement()
             return
         settled = self._search is None or self._search.settled
         if len(self._seen) < REFINE_FROM or (
@@ -334,14 +334,14 @@ class SelfCalibration:
         self._since = 0
         anew, self._search = refine_estimate(self._origin, self._seen, self._search, REFINE_STEPS)
         anew.advance(known.time)
-        anew.follow(known)
+        anew.adopt_outliers(known)
         self.estimate = anew
 
     def _go_on(self, time: float) -> None:
         """Begin the first move, or end one that is over with a new estimate."""
         if np.isnan(self._began):
             self._began = time
-        if time < self._began + self._seconds():
+        if time < self._began + self._move_duration():
             return
         if self._setup.camera is None and self._stage + 1 >= MOVES_BEFORE_CHECK:
             self._check_setup()
@@ -381,7 +381,7 @@ class SelfCalibration:
         """A part that is tilted is taken as it lies, or not with 4 DoF."""
         known = self.estimate
         assert isinstance(known, Estimate)
-        tilt = self._tilt.look(self._seen, known)
+        tilt = self._tilt.check_tilt(self._seen, known)
         if tilt is None or tilt.angle < SQUARE_SIZE * tilt.sd:
             return
         if self._tilt.is_too_large(tilt):
@@ -392,9 +392,9 @@ class SelfCalibration:
             return
         self._take_estimate(tilt.found)
         tilt.found.estimate.advance(known.time)
-        tilt.found.estimate.follow(known)
+        tilt.found.estimate.adopt_outliers(known)
 
-    def _seconds(self) -> float:
+    def _move_duration(self) -> float:
         """s of an exploratory move: each shows in some images."""
         times = [s.time for s in self._seen[-KEPT_INTERVALS:]]
         interval = median(b - a for a, b in pairwise(times)) if len(times) > 1 else 0.0
@@ -411,10 +411,10 @@ class SelfCalibration:
 
     def exploratory_twist(self, time: float) -> Floats:
         """The exploratory twist (6,) at a time; `take` begins it."""
-        if not self.exploring or np.isnan(self._began):
+        if not self.is_exploring or np.isnan(self._began):
             return np.zeros(6)
         return self._setup.exploration.twist(
-            self._order[self._stage], time - self._began, self._seconds(), self._larger
+            self._order[self._stage], time - self._began, self._move_duration(), self._larger
         )
 
     def move_name(self) -> str:

@@ -71,19 +71,19 @@ def find_lateness(
         base, centre: as of `signals_of`.
     """
 
-    def cost(late: float) -> float:
+    def misfit_at(late: float) -> float:
         found = signals_of(delay_sightings(seen, late, pose_at), base, centre)
-        return _bounded(fit_moves(found).left / found.noise)
+        return _bounded_squares(fit_moves(found).left / found.signal_noise)
 
-    costs = {late: cost(late) for late in LATENESS_STEPS.tolist()}
+    costs = {late: misfit_at(late) for late in LATENESS_STEPS.tolist()}
     told = costs[min(costs, key=abs)]
     best = min(costs, key=costs.__getitem__)
     if told - costs[best] < CLEAR_GAIN and best == min(costs, key=abs):
         return 0.0
-    costs |= {late: cost(late) for late in (best - LATENESS_STEP, best + LATENESS_STEP)}
+    costs |= {late: misfit_at(late) for late in (best - LATENESS_STEP, best + LATENESS_STEP)}
     best = min(costs, key=costs.__getitem__)
     for late in (best - LATENESS_STEP, best + LATENESS_STEP):
-        costs.setdefault(late, cost(late))
+        costs.setdefault(late, misfit_at(late))
     # a hand that leans fits the linear model badly at any delay: lateness is believed only where it explains the misfit
     if told - costs[best] < CLEAR_GAIN or told < 4.0 * costs[best] or abs(best) < MIN_LATENESS:
         return 0.0
@@ -102,10 +102,10 @@ def _cost_of_view(found: Signals, mirrored: bool) -> float:
     """What the moves leave of the sightings, in squared standard deviations: of the middle, and of the segment's turn."""
     if mirrored:
         found = found._replace(s=found.s.conj(), segment=found.segment.conj())
-    middle, segment = fit_moves(found).left / found.noise, found.segment
+    middle, segment = fit_moves(found).left / found.signal_noise, found.segment
     unturned = segment * np.exp(1j * found.theta)
     angle = np.angle(unturned * np.exp(-1j * np.angle(np.median(unturned.real) + 1j * np.median(unturned.imag))))
-    return _bounded(middle) + _bounded(angle / (MOVE_NOISE_PX * np.sqrt(2.0) / np.abs(segment)))
+    return _bounded_squares(middle) + _bounded_squares(angle / (MOVE_NOISE_PX * np.sqrt(2.0) / np.abs(segment)))
 
 
 def _costs_of_nearing(found: Signals) -> tuple[float, float]:
@@ -119,11 +119,11 @@ def _costs_of_nearing(found: Signals) -> tuple[float, float]:
         slopes = sign * np.linspace(0.05, 10.0, 60) * float(np.median(inverse))  # 1/m: the object 0.1 to 20 m away
         off = inverse[None] - slopes[:, None] * z[None]
         off = off - np.median(off, axis=1)[:, None]
-        costs.append(min(_bounded(row / noise) for row in off))
+        costs.append(min(_bounded_squares(row / noise) for row in off))
     return costs[0], costs[1]
 
 
-def _bounded(off: NDArray[np.generic]) -> float:
+def _bounded_squares(off: NDArray[np.generic]) -> float:
     """The sum of squares, each bounded."""
     return float(np.minimum(np.abs(off) ** 2, MAX_SQUARE).sum())
 
@@ -144,7 +144,7 @@ TIPS_SURE = 3.0
 """Standard deviations by which the fingertips' error has to lie below or above what is forgiven."""
 
 
-class Tilt(NamedTuple):
+class TiltEstimate(NamedTuple):
     """A plane that was left free.
 
     Attributes:
@@ -181,7 +181,7 @@ class TiltCheck:
         self._forgiven, self._frame = forgiven, frame
         self._count, self._known = 0, False
 
-    def look(self, seen: Sequence[Observation], square: Estimate) -> Tilt | None:
+    def check_tilt(self, seen: Sequence[Observation], square: Estimate) -> TiltEstimate | None:
         """The tilt, once it is known to be less than what is forgiven, or more; None before, and afterwards.
 
         Args:
@@ -196,23 +196,23 @@ class TiltCheck:
         except (UnexploredError, ValueError, np.linalg.LinAlgError):
             return None
         known = found.estimate
-        normal, spread = known.normal(seen[-1].hand), known.covariance[POSE, POSE][:2, :2]
-        width = math.dist(*known.shape()[:2].tolist())
-        alike = SHARED_ERROR_PX / seen[-1].length
+        normal, spread = known.plane_normal(seen[-1].hand), known.covariance[POSE, POSE][:2, :2]
+        width = math.dist(*known.plane_points()[:2].tolist())
+        alike = SHARED_ERROR_PX / seen[-1].contact_spread
         sd = math.sqrt(float(np.trace(spread)) + alike**2)
-        tilt = Tilt(found, math.acos(min(1.0, float(normal[2]))), sd, width)
+        tilt = TiltEstimate(found, math.acos(min(1.0, float(normal[2]))), sd, width)
         decided = abs(tilt.tips_error - self._forgiven) > TIPS_SURE * tilt.tips_sd
         self._known = decided and (tilt.angle < TIPS_SURE * sd or _is_likelier(known, square, seen))
         return tilt if self._known else None
 
-    def is_too_large(self, tilt: Tilt) -> bool:
+    def is_too_large(self, tilt: TiltEstimate) -> bool:
         """Whether the fingertips would be off by more than is forgiven."""
         return tilt.tips_error > self._forgiven
 
 
 def _is_likelier(one: Estimate, other: Estimate, seen: Sequence[Observation]) -> bool:
     """Whether the sightings speak clearly for one estimate: it leaves less of them, and not just of their small errors."""
-    left, instead = (_unexplained(each, seen) for each in (one, other))
+    left, instead = (_unexplained_misfit(each, seen) for each in (one, other))
     explains = left < MAX_LEFT_VARIANCE * 2 * sum(len(each.points) for each in seen)
     return (
         explains
@@ -221,7 +221,7 @@ def _is_likelier(one: Estimate, other: Estimate, seen: Sequence[Observation]) ->
     )
 
 
-def _unexplained(known: Estimate, seen: Sequence[Observation]) -> float:
+def _unexplained_misfit(known: Estimate, seen: Sequence[Observation]) -> float:
     """What is left of all sightings, in squared standard deviations."""
     sizes = [normalized_residual(known, one) ** 2 for one in seen]
     return sum(2 * len(one.points) * min(size, MAX_SQUARE) for one, size in zip(seen, sizes, strict=True))

@@ -55,7 +55,7 @@ def lasting_covariance(origin: Origin, before: Floats, seen: Sequence[Observatio
     stack, known, N = stack_observations(seen, origin.time), origin.information_matrix, len(seen)
     whitened, later = WhitenedSightings(stack), stack.times
     off, slopes = whitened.residuals(found.state)
-    J = whitened.jacobian(slopes)
+    J = whitened.whitened_jacobian(slopes)
     behind = ~np.isfinite(off).all(axis=1)
     off[behind], J[behind] = 0.0, 0.0
     size2 = (off * off).mean(axis=1)
@@ -92,7 +92,7 @@ class Trust:
         self._before = self._excess = np.zeros((0, 0))
         self._refined: Estimate | None = None
 
-    def estimate(
+    def with_true_covariance(
         self, known: Estimate, origin: Origin | None, seen: Sequence[Observation], found: Search | None
     ) -> Estimate:
         """The estimate with its true covariance; that given is left as it is.
@@ -112,7 +112,7 @@ class Trust:
             told.covariance = self._refined_covariance(self._refined, known.time)
             self._excess = _positive_part(told.covariance - known.covariance)
         else:  # it was displaced: what images told too often before, they still do
-            told.covariance = known.covariance + _resized(self._excess, len(known.covariance))
+            told.covariance = known.covariance + _resized_covariance(self._excess, len(known.covariance))
         return told
 
     @staticmethod
@@ -124,7 +124,7 @@ class Trust:
 
     def _take_search(self, origin: Origin, seen: Sequence[Observation], found: Search) -> None:
         if origin is not self._origin:
-            self._before = origin.covariance + _resized(self._excess, len(origin.covariance))
+            self._before = origin.covariance + _resized_covariance(self._excess, len(origin.covariance))
         self._origin, self._found = origin, found
         C = lasting_covariance(origin, self._before, seen, found)
         self._refined = Estimate(found.state, C, origin.time)
@@ -137,7 +137,7 @@ def _positive_part(matrix: Floats) -> Floats:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
-def _resized(excess: Floats, n: int) -> Floats:
+def _resized_covariance(excess: Floats, n: int) -> Floats:
     """(n, n): of all unknowns but the points where there are others now."""
     out, same = np.zeros((n, n)), len(excess) if len(excess) == n else min(len(excess), SHAPE)
     out[:same, :same] = excess[:same, :same]
@@ -178,7 +178,7 @@ class DriftAlarm:
         self._origin: Origin | None = None
         self._found: Search | None = None
 
-    def take(self, seen: Observation, told: Estimate, displaced_at: float) -> bool:
+    def take_sighting(self, seen: Observation, told: Estimate, displaced_at: float) -> bool:
         """Take in a sighting that fits, after exploring; whether the alarm rings.
 
         Args:
@@ -192,7 +192,7 @@ class DriftAlarm:
         now = HandEye.from_estimate(told)
         if displaced_at != self._displaced_at:
             if np.isfinite(displaced_at):  # the object was displaced, or the camera
-                self._begin(now)
+                self._begin_window(now)
             self._displaced_at = displaced_at
         last = self._late[-1][0] if self._late else None
         if last is not None and np.abs(seen.hand - last.hand).max() < MIN_WAY and seen.time < last.time + MIN_DELAY:
@@ -203,26 +203,26 @@ class DriftAlarm:
         self._since += 1
         if len(self._late) >= MIN_SIGHTINGS and self._since >= DRIFT_EVERY:
             self._since = 0
-            self._look(told)
+            self._compare_estimates(told)
         return self.rings
 
     def change_grasp(self) -> None:
         """Other points are seen from now on."""
         if self._late:
-            self._begin(self._late[-1][1])
+            self._begin_window(self._late[-1][1])
 
-    def _begin(self, now: HandEye) -> None:
+    def _begin_window(self, now: HandEye) -> None:
         """A window anew."""
         self._before = self._before or (self._late[-1][1] if self._late else now)
         self._late.clear()
         self._origin, self._found, self._since = None, None, 0
 
-    def _look(self, told: Estimate) -> None:
+    def _compare_estimates(self, told: Estimate) -> None:
         sightings = [seen for seen, _ in self._late]
         if self._origin is None or self._origin.time != sightings[0].time:
             first, object_ = sightings[0], told.object.predict_after(sightings[0].time - told.time)
             slope = max(float(np.linalg.norm(object_.axes[:, 2])), FREE_PRIOR.slope)
-            wide = replace(FREE_PRIOR, slope=slope).covariance(told.camera, object_, first.hand)
+            wide = replace(FREE_PRIOR, slope=slope).prior_covariance(told.camera, object_, first.hand)
             self._origin = Origin(told.camera, object_, wide, first.time)
             self._found = None
         anew, self._found = refine_estimate(self._origin, sightings, self._found, DRIFT_STEPS)

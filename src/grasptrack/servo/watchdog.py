@@ -51,7 +51,7 @@ MIN_COSINE_Z = 0.5
 """Cosine from which on a hand of 6 DoF comes along the axis z of the base."""
 
 
-class Verdict(NamedTuple):
+class AllowedTwist(NamedTuple):
     """What is allowed.
 
     Attributes:
@@ -112,11 +112,11 @@ class Watchdog:
         """Whether there was no image, or none for too long."""
         return not now - self._image < self._patience
 
-    def rise(self, hand: Floats) -> float:
+    def rise_of(self, hand: Floats) -> float:
         """m of the hand (4, 4) above where it started; below it is negative."""
         return 0.0 if self._start is None else float(self._up @ (hand[:3, 3] - self._start))
 
-    def check(self, wanted: Floats, hand: Floats, tick: Tick, pace: float) -> Verdict:
+    def limit_twist(self, wanted: Floats, hand: Floats, tick: Tick, pace: float) -> AllowedTwist:
         """What becomes of a wanted twist.
 
         Args:
@@ -133,11 +133,11 @@ class Watchdog:
             self.over = True
         goal = np.zeros(6)
         if not self.over and np.isfinite(wanted).all():
-            goal = self._slowed(wanted, tick.now + pace)
-            goal = self._stopped(goal, hand, self._up, RISE_SHARE * self._bounds.rise - self.rise(hand))
-            goal = self._stopped(goal, hand, -self._up, self.floor + self.rise(hand))
+            goal = self._slow_down(wanted, tick.now + pace)
+            goal = self._stop_short(goal, hand, self._up, RISE_SHARE * self._bounds.rise - self.rise_of(hand))
+            goal = self._stop_short(goal, hand, -self._up, self.floor + self.rise_of(hand))
         self.twist = self._limits.reachable(goal, self.twist, tick.step)
-        return Verdict(self.twist.copy(), failure)
+        return AllowedTwist(self.twist.copy(), failure)
 
     def _find_up(self, hand: Floats) -> Floats:
         approach = hand[:3, 2]
@@ -146,7 +146,7 @@ class Watchdog:
         return np.array([0.0, 0.0, -math.copysign(1.0, approach[2])])
 
     def _find_failure(self, hand: Floats) -> str:
-        rise = self.rise(hand)
+        rise = self.rise_of(hand)
         if rise > self._bounds.rise:
             return (
                 f"the hand is {100.0 * rise:.1f} cm above its start and may rise by {100.0 * self._bounds.rise:g}: "
@@ -156,7 +156,7 @@ class Watchdog:
             return f"told to go {self.path:.1f} m in all, more than bounds.path = {self._bounds.path:g} m"
         return ""
 
-    def _slowed(self, wanted: Floats, at: float) -> Floats:
+    def _slow_down(self, wanted: Floats, at: float) -> Floats:
         """As much of it as can be braked before the hand has to stand for want of an image."""
         left = self._image + self._patience - at
         left = left if left > 0.0 else 0.0  # also where there was no image yet
@@ -170,7 +170,7 @@ class Watchdog:
                 out[part] *= most / size
         return out
 
-    def _stopped(self, wanted: Floats, hand: Floats, toward: Floats, left: float) -> Floats:
+    def _stop_short(self, wanted: Floats, hand: Floats, toward: Floats, left: float) -> Floats:
         """Less of what would take it farther in a direction of the base than the way in m that is left."""
         way = hand[:3, :3].T @ toward
         speed, left = float(way @ wanted[:3]), max(left, 0.0)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
 from grasptrack.geometry.contours import Contour, Outline, View
-from grasptrack.snake.fit import Match, Model, fit_to_edges
+from grasptrack.snake.fit import CurveMatch, SnakeModel, fit_to_edges
 from grasptrack.snake.shape_space import ConstantVelocity, Shape, ShapeSpace
 from grasptrack.snake.template import Grey, Template, sampled_outline
 from grasptrack.typing import Bools, Floats
@@ -98,8 +98,8 @@ class Snake:
         self.template, normals, self.rms = sampled_outline(view, tolerance, contacts)
         self.space = ShapeSpace(self.template.points, shape)
         self._edges = Template(self.template, normals, image)
-        self._model = Model(self._edges, self.space)
-        self._metric = self.space.metric()
+        self._model = SnakeModel(self._edges, self.space)
+        self._metric = self.space.metric_matrix()
         self._motion = ConstantVelocity(self.space.dof, self._size)
         self._last: Floats = np.zeros(self.space.dof)
 
@@ -110,7 +110,7 @@ class Snake:
 
     def view(self, fit: SnakeFit | None = None) -> View:
         """The sampled outline where the filter believes it, or where a fit found it, point i that of the template."""
-        points = self.space.curve(self._motion.state) if fit is None else fit.points
+        points = self.space.curve_points(self._motion.state) if fit is None else fit.points
         pieces = np.split(points, self.template.offsets[1:-1])
         return View([Contour.trusted(p, hole=c.hole) for p, c in zip(pieces, self.template.contours, strict=True)])
 
@@ -129,7 +129,7 @@ class Snake:
         Raises:
             ConditioningError: H sends part of the outline to infinity.
         """
-        self._motion.reset(self.space.state(H))
+        self._motion.reset(self.space.state_near(H))
         self._last = self._motion.state
 
     def update(self, image: Grey) -> SnakeFit:
@@ -160,7 +160,7 @@ class Snake:
             elif misfit > MAX_MISFIT * self._size:
                 reason = f"the outline no longer fits the template: {misfit:.1f} px of tilt or another shape"
             else:
-                self._edges.learn(match.edges, match.seen)
+                self._edges.learn_levels(match.edges, match.seen)
         return self._make_result(match, reason)
 
     def _search_reach(self) -> float:
@@ -168,39 +168,39 @@ class Snake:
         spread = float(np.trace(self._metric @ self._motion.P)) / 2.0
         return min(max(3.0 * math.sqrt(spread) + 2.0, MIN_REACH * self._size), MAX_REACH * self._size)
 
-    def _loss_reason(self, match: Match | None) -> str:
+    def _loss_reason(self, match: CurveMatch | None) -> str:
         """Why a match is not to be followed; empty when it is."""
         if match is None:
             return "too few edges near the predicted outline"
         visible = float(match.visible.mean())
         if visible < MIN_VISIBLE:
             return f"only {visible:.0%} of the outline is in the image"
-        if match.support < MIN_SUPPORT:
-            return f"only {match.support:.0%} of the visible outline is supported by edges"
+        if match.support_share < MIN_SUPPORT:
+            return f"only {match.support_share:.0%} of the visible outline is supported by edges"
         if not max(match.misfit, match.common) <= MAX_FOLLOWED * self._size:
             return f"the outline no longer fits the template: {match.misfit:.1f} px of tilt or another shape"
         if not match.spread <= MAX_SPREAD * self._size:
             return f"the visible outline does not fix the object's motion ({match.spread:.1f} px)"
-        M = self.space.linear(match.state)
+        M = self.space.linear_part(match.state)
         area = float(M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0])
         if not 0.01 < area < 100.0:
             return f"the outline's area would have changed by a factor of {area:.2g}"
         return ""
 
-    def _make_result(self, match: Match | None, reason: str) -> SnakeFit:
+    def _make_result(self, match: CurveMatch | None, reason: str) -> SnakeFit:
         edges, space = self._edges, self.space
         state = self._motion.state if match is None else match.state
         seen = np.zeros(len(edges.nearest), dtype=np.bool_)
         residual, misfit, support, outside = math.inf, math.inf, 0.0, 0.0
         if match is not None:
             seen = match.seen[edges.nearest] & edges.relied
-            residual, misfit, support = match.residual, match.misfit, match.support
+            residual, misfit, support = match.residual, match.misfit, match.support_share
             outside = 1.0 - float(match.visible.mean())
         return SnakeFit(
             ok=not reason,
             reason=reason,
             homography=space.homography(state),
-            points=space.curve(state),
+            points=space.curve_points(state),
             seen=seen,
             residual=residual,
             misfit=misfit,

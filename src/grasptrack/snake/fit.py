@@ -50,7 +50,7 @@ def displacement_columns(M: Floats, local: Floats) -> Floats:
     return np.asarray(M @ displacement_fields(local))
 
 
-class Model:
+class SnakeModel:
     """What stays the same from image to image, computed once.
 
     Args:
@@ -66,11 +66,11 @@ class Model:
         self.template = template
         self.space = space
         self.local: Floats = space.local[template.chosen]
-        self.W: Floats = np.ascontiguousarray(space.jacobian(template.points).transpose(1, 0, 2))
+        self.W: Floats = np.ascontiguousarray(space.point_jacobian(template.points).transpose(1, 0, 2))
         self.field: Floats = np.ascontiguousarray(displacement_columns(np.eye(2), self.local).transpose(1, 0, 2))
 
 
-def search_along_normals(model: Model, state: Floats, image: Grey, reach: float) -> Rows:
+def search_along_normals(model: SnakeModel, state: Floats, image: Grey, reach: float) -> Rows:
     """Edges along the normals of the curve at a state.
 
     Args:
@@ -80,7 +80,7 @@ def search_along_normals(model: Model, state: Floats, image: Grey, reach: float)
         reach: px on either side.
     """
     template, space, local = model.template, model.space, model.local
-    M = space.linear(state)
+    M = space.linear_part(state)
     points = local @ (space.rho * M.T)
     points += space.centre + state[:2]
     (a, b), (c, d) = M.tolist()
@@ -139,7 +139,7 @@ def solve_robust_step(rows: Rows, prior: Floats, mean: Floats, rounds: int) -> t
     return step, information, w
 
 
-def fit_to_edges(model: Model, image: Grey, start: Floats, spread: Floats, reach: float) -> Match | None:
+def fit_to_edges(model: SnakeModel, image: Grey, start: Floats, spread: Floats, reach: float) -> CurveMatch | None:
     """The state whose curve lies on the edges, searched from `start` with a reach that shrinks to NEAR.
 
     Args:
@@ -175,7 +175,7 @@ def fit_to_edges(model: Model, image: Grey, start: Floats, spread: Floats, reach
         match = verify_fit(model, rows, state, image.shape)
     except np.linalg.LinAlgError:
         return None
-    if match.support > 0.92:
+    if match.support_share > 0.92:
         return match
     rows = search_along_normals(model, state, image, ELSEWHERE)
     stray = rows.used & match.visible & ~match.seen
@@ -201,7 +201,7 @@ FLOOR = 0.1
 """px. No measured edge is believed to be better than this."""
 
 
-class Match(NamedTuple):
+class CurveMatch(NamedTuple):
     """How a converged curve agrees with the image.
 
     Attributes:
@@ -227,13 +227,13 @@ class Match(NamedTuple):
     elsewhere: float = 0.0
 
     @property
-    def support(self) -> float:
+    def support_share(self) -> float:
         """Share of the samples inside the image that are supported."""
         inside = int(self.visible.sum())
         return float(self.seen.sum()) / inside if inside else 0.0
 
 
-def verify_fit(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Match:
+def verify_fit(model: SnakeModel, rows: Rows, state: Floats, shape: tuple[int, ...]) -> CurveMatch:
     """Which samples an edge like the template's supports, how well the state is known, and what it leaves unexplained.
 
     A shape space that fits all that is seen may still be wrong where nothing is seen: whatever a homography could have
@@ -244,7 +244,7 @@ def verify_fit(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) 
     points, edges, gap = rows.points, rows.edges, rows.gap
     x, y = points[:, 0], points[:, 1]
     visible = (x >= BORDER) & (y >= BORDER) & (x <= width - 1 - BORDER) & (y <= height - 1 - BORDER)
-    contrast = template.contrast
+    contrast = template.edge_contrast
     like = np.abs(edges[:, 3] - edges[:, 2]) >= 2.0 * FAINTEST * contrast
     like &= rows.used & visible
     alike = like & (np.abs(edges[:, 2] - template.inside) <= SAME * contrast + SAME_LEVELS)
@@ -256,8 +256,8 @@ def verify_fit(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) 
     seen = like & (np.abs(gap) <= SEEN)
     if int(seen.sum()) <= 8:
         noise: Floats = np.full((len(state), len(state)), math.inf)
-        return Match(state, noise, *(math.inf,) * 4, seen, visible, edges)
-    (a, b), (c, d) = space.linear(state).tolist()
+        return CurveMatch(state, noise, *(math.inf,) * 4, seen, visible, edges)
+    (a, b), (c, d) = space.linear_part(state).tolist()
     X, Y = model.field
     F = (rows.normals @ (a, c))[:, None] * X
     F += (rows.normals @ (b, d))[:, None] * Y
@@ -288,7 +288,7 @@ def verify_fit(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) 
     spread = np.einsum("ij,ij->i", field @ covariance, field)
     spread = spread[: len(X)] + spread[len(X) :]
     g = gap[seen]
-    return Match(
+    return CurveMatch(
         state,
         noise,
         math.sqrt(float(moved @ moved) / len(X)),

@@ -56,9 +56,9 @@ class ShapeSpace:
     @property
     def W(self) -> Floats:  # noqa: N802  the name it has in Q = W X + Q0
         """(2 n, dof): how each state moves the points; rows are x of all points, then y of all."""
-        return np.concatenate([self.jacobian(self.points)[:, i] for i in (0, 1)])
+        return np.concatenate([self.point_jacobian(self.points)[:, i] for i in (0, 1)])
 
-    def jacobian(self, points: Floats) -> Floats:
+    def point_jacobian(self, points: Floats) -> Floats:
         """(m, 2, dof): derivative of where points (m, 2) of the template go by the state, the same at any state."""
         p = (points - self.centre) / self.rho
         x, y = p[:, 0], p[:, 1]
@@ -72,7 +72,7 @@ class ShapeSpace:
             out[:, 1, 3], out[:, 1, 4] = y, x
         return out
 
-    def linear(self, state: Floats) -> Floats:
+    def linear_part(self, state: Floats) -> Floats:
         """(2, 2): the linear part of the map that a state stands for."""
         if self.shape == "similarity":
             a, b = 1.0 + float(state[2]) / self.rho, float(state[3]) / self.rho
@@ -80,19 +80,19 @@ class ShapeSpace:
         m11, m22, m21, m12 = (state[2:] / self.rho).tolist()
         return np.array(((1.0 + m11, m12), (m21, 1.0 + m22)))
 
-    def curve(self, state: Floats) -> Floats:
+    def curve_points(self, state: Floats) -> Floats:
         """(n, 2) px: Q = W X + Q0."""
-        return np.asarray(self.local @ (self.rho * self.linear(state).T) + (self.centre + state[:2]))
+        return np.asarray(self.local @ (self.rho * self.linear_part(state).T) + (self.centre + state[:2]))
 
     def homography(self, state: Floats) -> Floats:
         """(3, 3) H_current_reference that a state stands for."""
-        M = self.linear(state)
+        M = self.linear_part(state)
         H = np.eye(3)
         H[:2, :2] = M
         H[:2, 2] = self.centre + state[:2] - M @ self.centre
         return H
 
-    def state(self, H: ArrayLike) -> Floats:
+    def state_near(self, H: ArrayLike) -> Floats:
         """(dof,) state nearest to a homography: its image of the template, least squares over the points.
 
         Exact where H lies in the space; the affine or similar map that fits best where it does not.
@@ -106,14 +106,14 @@ class ShapeSpace:
         moved = apply_homography(h, self.points) - self.points
         return np.asarray(self._pinv @ moved.T.ravel())
 
-    def metric(self) -> Floats:
+    def metric_matrix(self) -> Floats:
         """(dof, dof): X^T metric X is the mean square displacement of the points, px^2."""
         W = self.W
         return np.asarray(W.T @ W / len(self.points))
 
-    def norm(self, state: Floats) -> float:
+    def rms_displacement(self, state: Floats) -> float:
         """Rms displacement of the points in px between the template and a state, or by a difference of two states."""
-        return math.sqrt(max(float(state @ self.metric() @ state), 0.0))
+        return math.sqrt(max(float(state @ self.metric_matrix() @ state), 0.0))
 
 
 MIN_DRIVE = 0.7

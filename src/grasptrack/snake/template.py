@@ -120,11 +120,11 @@ class Template:
         self.nearest = np.maximum(rank[slot], 0)
 
     @property
-    def contrast(self) -> Floats:
+    def edge_contrast(self) -> Floats:
         """(m,) grey levels across the edge, positive."""
         return np.abs(self.outside - self.inside)
 
-    def learn(self, edges: Floats, seen: Bools) -> None:
+    def learn_levels(self, edges: Floats, seen: Bools) -> None:
         """Let the grey levels follow the light, slowly, where an edge (m, 4) was seen."""
         self.inside[seen] += LEARNING * (edges[seen, 2] - self.inside[seen])
         self.outside[seen] += LEARNING * (edges[seen, 3] - self.outside[seen])

@@ -34,25 +34,25 @@ from grasptrack.trackability.evidence import (
     symmetry_of,
     unfixed_covariance,
 )
-from grasptrack.trackability.first import FirstView, first_view, first_view_of
-from grasptrack.trackability.motions import TURN, Frame, motions_of
+from grasptrack.trackability.first import InspectedView, first_view, first_view_of
+from grasptrack.trackability.motions import TURN, Basis, motions_of
 from grasptrack.trackability.prediction import (
     RUNS,
     Drawn,
     Looked,
     Prediction,
-    Run,
+    SimulatedRun,
     drawn_runs,
     predict_run,
     simulate_tracking,
 )
 from grasptrack.trackability.report import Findings, is_lost, level_of, reasons_of
 from grasptrack.trackability.result import Held, Looks, Reason, Suitability, Texture
-from grasptrack.trackability.synthetic_view import Setting, Stage
+from grasptrack.trackability.synthetic_view import RunSetting, Stage
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.initialization import FirstScene, Wish
-from grasptrack.tracking.messages import Reason as Why
+from grasptrack.tracking.messages import StatusReason as Why
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.pose import contact_tolerance, largest_sigma
 from grasptrack.tracking.selection import make_target
@@ -151,7 +151,7 @@ def inspect(
         first_look_ms=first_look_ms,
     )
     wish = Wish(said, asked.fingers, strategy, friction, hand, segmenter=segmenter_for(segmenter))
-    return _assess(first_view(image, mask, wish, risk, focal), strategy, friction, risk, focal, runs)
+    return _assess_view(first_view(image, mask, wish, risk, focal), strategy, friction, risk, focal, runs)
 
 
 def inspect_scene(scene: FirstScene, runs: int = RUNS, check: Callable[[], None] = lambda: None) -> Suitability:
@@ -170,11 +170,11 @@ def inspect_scene(scene: FirstScene, runs: int = RUNS, check: Callable[[], None]
         ObservationError: no object.
     """
     first = first_view_of(scene)
-    return _assess(first, scene.strategy, scene.wish.friction, scene.risk, scene.before, runs, (AUTO,), check)
+    return _assess_view(first, scene.strategy, scene.wish.friction, scene.risk, scene.before, runs, (AUTO,), check)
 
 
-def _assess(
-    first: FirstView,
+def _assess_view(
+    first: InspectedView,
     strategy: str,
     friction: float,
     risk: float,
@@ -189,7 +189,7 @@ def _assess(
     surface, ground = gradient_statistics(grey, view, first.ignore_mask)
     target = first.carrier.follower.target if first.carrier else _create_target(first)
     looks = _measure_appearance(first, target, edges, surface)
-    motions = motions_of(*edges.used, _inertia_frame(view), edge_direction_noise(edges))
+    motions = motions_of(*edges.spaced_samples, _inertia_frame(view), edge_direction_noise(edges))
     whole = motions.models["homography"]
     limit = largest_sigma(view.outer.area, NUMBERS.with_risk(risk))
     auto = strategy == AUTO  # the others segment, in colour
@@ -204,7 +204,7 @@ def _assess(
             if fixed.by == "nothing"
             else 0.0
         )
-        prediction = predict_run(Drawn.of(runs_drawn, math.sqrt(view.outer.area), adrift))
+        prediction = predict_run(Drawn.from_runs(runs_drawn, math.sqrt(view.outer.area), adrift))
     refusal = "" if fixed is None else _refusal_reason(fixed.by != "nothing", fixed.covariance, limit)
     grip = None if first.grasp is None else _assess_grasp(first, friction, limit, fixed, prediction)
     usable = strategies_of(first.held_grasp, view, grey, refusal, tried)
@@ -235,32 +235,32 @@ def _assess(
     )
 
 
-def _create_target(first: FirstView) -> Target:
+def _create_target(first: InspectedView) -> Target:
     return make_target(
         build_pyramid(first.grey), first.candidate.view, first.held_grasp.contacts, NUMBERS, first.ignore_mask
     )
 
 
 def _simulate_runs(
-    first: FirstView,
+    first: InspectedView,
     stage: Stage,
     strategy: str,
     risk: float,
     focal: Beforehand | None,
     runs: int,
     check: Callable[[], None],
-) -> tuple[list[Run], list[Looked]]:
+) -> tuple[list[SimulatedRun], list[Looked]]:
     """Runs that are drawn, and the images of the first of them."""
     view, grasp, grey = first.candidate.view, first.held_grasp, first.grey
     away = view.outer.points - (centre := view.outer.points.mean(axis=0))
     size, reach = math.sqrt(view.outer.area), float(np.hypot(*away.T).max())
-    setting = Setting(centre, size, reach, grey.shape[1], grey.shape[0], focal or Beforehand.usual(NUMBERS))
+    setting = RunSetting(centre, size, reach, grey.shape[1], grey.shape[0], focal or Beforehand.of_unknown(NUMBERS))
     carrier, made, seen = first.carrier, [], list[Looked]()
     for steps in drawn_runs(setting, runs):
         check()
         if carrier is None:
-            first.observer.look(first.colours)
-            first.observer.choose(first.candidate)
+            first.observer.set_image(first.colours)
+            first.observer.choose_object(first.candidate)
             carrier = carrier_for(strategy, grasp, view, grey, None, first.observer, risk, focal)
         run, looked = simulate_tracking(carrier, first, stage, steps)
         made.append(run)
@@ -274,13 +274,13 @@ def _refusal_reason(fixed: bool, covariance: Floats, limit: float) -> str:
     return "" if fixed and sigma <= limit else Why("uncertain", {"sigma": sigma}).sentence
 
 
-def _inertia_frame(view: View) -> Frame:
+def _inertia_frame(view: View) -> Basis:
     area, x, y, theta, *_ = kernels.polygon_moments(view.points, view.offsets)
     c, s = math.cos(theta), math.sin(theta)
-    return Frame(np.array([x, y]), np.array([[c, s], [-s, c]]), math.sqrt(area))
+    return Basis(np.array([x, y]), np.array([[c, s], [-s, c]]), math.sqrt(area))
 
 
-def _measure_appearance(first: FirstView, target: Target, edges: Edges, surface: Relief) -> Looks:
+def _measure_appearance(first: InspectedView, target: Target, edges: Edges, surface: Relief) -> Looks:
     view, grey = first.candidate.view, first.grey
     height, width = grey.shape
     low, high = view.outer.points.min(axis=0), view.outer.points.max(axis=0)
@@ -308,7 +308,7 @@ def _measure_appearance(first: FirstView, target: Target, edges: Edges, surface:
 
 
 def _assess_grasp(
-    first: FirstView, friction: float, limit: float, fixed: Settled | None, prediction: Prediction | None
+    first: InspectedView, friction: float, limit: float, fixed: Settled | None, prediction: Prediction | None
 ) -> Held:
     """The grasp with the errors to be expected of its contacts: in the ratios of their covariances, as large as predicted."""
     grasp, view = first.held_grasp, first.candidate.view

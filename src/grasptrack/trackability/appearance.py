@@ -53,7 +53,7 @@ class Edges(NamedTuple):
     spacing: int
 
     @property
-    def used(self) -> tuple[Floats, Floats]:
+    def spaced_samples(self) -> tuple[Floats, Floats]:
         """Points and normals (m, 2) at the spacing of a registration, of clear edges only."""
         keep = self.clear & (np.arange(len(self.points)) % self.spacing == 0)
         return self.points[keep], self.normals[keep]

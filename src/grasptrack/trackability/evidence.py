@@ -17,7 +17,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import rotation_at
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.matching import Sampled, find_symmetries
-from grasptrack.trackability.first import FirstView
+from grasptrack.trackability.first import InspectedView
 from grasptrack.trackability.prediction import Looked
 from grasptrack.trackability.synthetic_view import REST, Stage
 from grasptrack.tracking.estimator import first_state
@@ -26,13 +26,7 @@ from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.pose import Hypothesis, PoseEstimate
 from grasptrack.tracking.selection import make_target
-from grasptrack.tracking.single import (
-    pose_hypothesis,
-    same_place,
-    single_estimate,
-    told_apart,
-    turned_hypotheses,
-)
+from grasptrack.tracking.single import pose_hypothesis, same_place, single_estimate, told_apart, turned_hypotheses
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.strategies import Silhouettes, Snakes
 from grasptrack.tracking.target import Grey, Target, build_pyramid
@@ -78,7 +72,9 @@ class Settled(NamedTuple):
         return np.asarray(self.covariances[{"outline": 0, "surface": 1}.get(self.by, 2)])
 
 
-def contact_evidence(first: FirstView, target: Target, looked: Sequence[Looked], limit: float, shown: bool) -> Settled:
+def contact_evidence(
+    first: InspectedView, target: Target, looked: Sequence[Looked], limit: float, shown: bool
+) -> Settled:
     """What fixes the contacts, as the tracker itself counts it, in small motions of the first view.
 
     Args:
@@ -117,7 +113,7 @@ def contact_evidence(first: FirstView, target: Target, looked: Sequence[Looked],
     return Settled(np.stack([least, more, most]), by)
 
 
-def unfixed_covariance(first: FirstView) -> Floats:
+def unfixed_covariance(first: InspectedView) -> Floats:
     """(k, 2, 2) px^2 of each contact where nothing fixes it."""
     return np.tile(LOOSE**2 * first.candidate.view.outer.area * np.eye(2), (len(first.held_grasp), 1, 1))
 
@@ -188,7 +184,7 @@ class Likeness:
         stage: the same, to be seen again with other noise.
     """
 
-    def __init__(self, first: FirstView, target: Target, stage: Stage) -> None:
+    def __init__(self, first: InspectedView, target: Target, stage: Stage) -> None:
         self._first = first
         self._levels = build_pyramid(first.grey)
         self.target = target
@@ -197,7 +193,7 @@ class Likeness:
         here = Hypothesis("first", self.target.A, self._state.P)
         self._own = single_estimate(self._state, self._again, here)
 
-    def turns(self) -> list[float]:
+    def indistinct_turns(self) -> list[float]:
         """Degrees, the turns of the outline into itself that its surface does not tell from none."""
         own = self._own
         if own is None:
@@ -227,7 +223,7 @@ class Likeness:
         return False
 
 
-def symmetry_of(first: FirstView, likeness: Likeness, turn_shown: bool = True) -> Symmetry:
+def symmetry_of(first: InspectedView, likeness: Likeness, turn_shown: bool = True) -> Symmetry:
     """Turns of an outline into itself, holes included, that its image bears out.
 
     Args:
@@ -240,10 +236,10 @@ def symmetry_of(first: FirstView, likeness: Likeness, turn_shown: bool = True) -
         return Symmetry((), False, False)
     if not turn_shown or find_symmetries(Sampled(view)).continuous:
         return Symmetry((), True, True)
-    return Symmetry(tuple(likeness.turns()), False, True)
+    return Symmetry(tuple(likeness.indistinct_turns()), False, True)
 
 
-def equals_of(first: FirstView, likeness: Likeness) -> list[View]:
+def equals_of(first: InspectedView, likeness: Likeness) -> list[View]:
     """Outlines of the objects beside it that look just like it."""
     if first.candidate.view.is_clipped:
         return []

@@ -21,7 +21,7 @@ from grasptrack.tracking.initialization import FirstScene, Wish, image_size, mas
 from grasptrack.tracking.strategies import Carrier
 
 
-class FirstView(NamedTuple):
+class InspectedView(NamedTuple):
     """What a first image holds.
 
     Attributes:
@@ -60,7 +60,7 @@ class FirstView(NamedTuple):
 
 def first_view(
     image: NDArray[Any], mask: NDArray[Any] | None, wish: Wish, risk: float, focal: Beforehand | None
-) -> FirstView:
+) -> InspectedView:
     """Object and grasp as `GraspTracker.update` chooses them in a first image; `focal` as for `Plane`.
 
     Raises:
@@ -72,32 +72,32 @@ def first_view(
     wish = replace(wish, said=wish.said.within(shape))
     observer = OutlineDetector(wish.said.hidden)
     colours = to_bgr(image) if mask is None else mask_as_scene(mask, shape)
-    observer.look(colours)
+    observer.set_image(colours)
     chosen = initialization.first_view(observer, wish, mask is not None)
-    return _start(FirstScene(observer.colours, mask is not None, chosen, wish, wish.strategy, risk, focal), observer)
+    return _view_of(FirstScene(observer.colours, mask is not None, chosen, wish, wish.strategy, risk, focal), observer)
 
 
-def first_view_of(scene: FirstScene) -> FirstView:
+def first_view_of(scene: FirstScene) -> InspectedView:
     """The same of what a tracker chose, without another search.
 
     Raises:
         ObservationError: no object.
     """
     observer = OutlineDetector(scene.wish.said.hidden)
-    observer.look(scene.colours)
-    return _start(scene, observer)
+    observer.set_image(scene.colours)
+    return _view_of(scene, observer)
 
 
-def _start(scene: FirstScene, observer: OutlineDetector) -> FirstView:
+def _view_of(scene: FirstScene, observer: OutlineDetector) -> InspectedView:
     """The object, the grasp on it, and what carries it, of a choice in the image that an observer has looked at."""
     colours, masked, chosen, wish, strategy, risk, before = scene
     candidate, reason = chosen.candidate, chosen.reason.sentence
     if candidate is None:
         raise ObservationError(reason)
-    grey, found = observer.choose(candidate), chosen.found
+    grey, found = observer.choose_object(candidate), chosen.found
     if wish.said.is_pointed_at:  # only one place in the image was looked at
         try:
-            found = observer.first(FirstImage(masked=masked))
+            found = observer.find_objects(FirstImage(masked=masked))
         except ObservationError:
             found = []
     others = initialization.other_objects(found, candidate)
@@ -107,4 +107,4 @@ def _start(scene: FirstScene, observer: OutlineDetector) -> FirstView:
         reason = f"no grasp that {strategy} can carry: {start.refusal}" if start.refusal else reason
     reason = "" if start.carrier else reason
     candidates = distinct_candidates(chosen.found)
-    return FirstView(candidate, colours, observer, grey, others, start.grasp, start.carrier, reason, candidates)
+    return InspectedView(candidate, colours, observer, grey, others, start.grasp, start.carrier, reason, candidates)

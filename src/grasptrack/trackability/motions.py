@@ -14,16 +14,7 @@ from grasptrack.typing import Floats
 
 MODELS = {"similarity": 4, "affine": 6, "homography": 8}
 """Parameters of each model, the first so many of a homography's."""
-NAMES = (
-    "shift along",
-    "shift across",
-    "scale",
-    "turn",
-    "stretch along",
-    "shear",
-    "bend along",
-    "bend across",
-)
+NAMES = ("shift along", "shift across", "scale", "turn", "stretch along", "shear", "bend along", "bend across")
 """The motions that a homography is made of near the identity, in the frame of the outline's inertia axes."""
 TURN = NAMES.index("turn")
 SLIDING = 0.16
@@ -49,7 +40,7 @@ class Motion(NamedTuple):
 
 
 @compared_by_value
-class Model(NamedTuple):
+class MotionModel(NamedTuple):
     """A model of the motion.
 
     Attributes:
@@ -68,7 +59,7 @@ class Model(NamedTuple):
     unswayed: float
 
 
-class Frame(NamedTuple):
+class Basis(NamedTuple):
     """Coordinates in which motions are told: the outline's inertia axes, in units of sqrt(area).
 
     Attributes:
@@ -99,12 +90,12 @@ class Motions(NamedTuple):
     """
 
     motions: tuple[Motion, ...]
-    models: dict[str, Model]
-    frame: Frame
+    models: dict[str, MotionModel]
+    frame: Basis
     slide: Floats | None
 
 
-def motions_of(points: Floats, normals: Floats, frame: Frame, sway: float = 0.0) -> Motions:
+def motions_of(points: Floats, normals: Floats, frame: Basis, sway: float = 0.0) -> Motions:
     """What edges at points (m, 2) px with normals (m, 2) show of a motion.
 
     Args:
@@ -126,7 +117,7 @@ def motions_of(points: Floats, normals: Floats, frame: Frame, sway: float = 0.0)
         told, V = np.linalg.eigh(A.T @ A - sway**2 * (B.T @ B))
         slides = told <= SLIDING**2 * len(points)
         parts = np.square(V.T @ named) / np.square(named).sum(axis=0)
-        models[name] = Model(
+        models[name] = MotionModel(
             name,
             not slides.any(),
             math.sqrt(max(told.item(0), 0.0) / max(len(points), 1)),

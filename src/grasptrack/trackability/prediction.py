@@ -15,8 +15,8 @@ import numpy as np
 
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.images import Grey
-from grasptrack.trackability.first import FirstView
-from grasptrack.trackability.synthetic_view import Setting, Stage, Step, draw_run
+from grasptrack.trackability.first import InspectedView
+from grasptrack.trackability.synthetic_view import RunImage, RunSetting, Stage, draw_run
 from grasptrack.tracking.decision import Decision
 from grasptrack.tracking.strategies import Carrier
 
@@ -62,7 +62,7 @@ UNFORESEEN = Unforeseen(
 )
 
 
-class Run(NamedTuple):
+class SimulatedRun(NamedTuple):
     """A run that was drawn.
 
     Attributes:
@@ -96,7 +96,7 @@ class Drawn(NamedTuple):
     adrift: float = 0.0
 
     @staticmethod
-    def of(runs: Sequence[Run], size: float, adrift: float = 0.0) -> Drawn:
+    def from_runs(runs: Sequence[SimulatedRun], size: float, adrift: float = 0.0) -> Drawn:
         """At least one run."""
         errors = np.concatenate([r.errors for r in runs])
         rms = float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else math.nan
@@ -127,13 +127,13 @@ class Looked(NamedTuple):
     """An image that was drawn: (H, W) itself, how it came about, and what the tracker decided."""
 
     grey: Grey
-    step: Step
+    step: RunImage
     decision: Decision
 
 
 def simulate_tracking(
-    carrier: Carrier, first: FirstView, stage: Stage, steps: Sequence[Step]
-) -> tuple[Run, list[Looked]]:
+    carrier: Carrier, first: InspectedView, stage: Stage, steps: Sequence[RunImage]
+) -> tuple[SimulatedRun, list[Looked]]:
     """Follow the grasp through a run, and what was looked at in it.
 
     Args:
@@ -145,7 +145,7 @@ def simulate_tracking(
     contacts, errors, reason = first.held_grasp.contacts, list[float](), ""
     looked, missed = list[Looked](), 0
     for step in steps:
-        grey = first.observer.look(stage.render_step(step))
+        grey = first.observer.set_image(stage.render_step(step))
         moved = carrier.move(grey, None)
         looked.append(Looked(grey, step, moved.decision))
         if moved.contacts is None:
@@ -155,7 +155,7 @@ def simulate_tracking(
             continue
         missed = 0
         errors.append(float(np.hypot(*(moved.contacts - apply_homography(step.H, contacts)).T).max()))
-    return Run(len(steps), tuple(errors), reason), looked
+    return SimulatedRun(len(steps), tuple(errors), reason), looked
 
 
 def predict_run(drawn: Drawn, frames: int = FRAMES, unforeseen: Unforeseen = UNFORESEEN) -> Prediction:
@@ -206,7 +206,7 @@ def log_chance(a: float, b: float, frames: int, located: int) -> float:
     return ways + log_beta(located + a, frames - located + b) - log_beta(a, b)
 
 
-def drawn_runs(setting: Setting, runs: int) -> list[list[Step]]:
+def drawn_runs(setting: RunSetting, runs: int) -> list[list[RunImage]]:
     """So many runs for a first view, always the same."""
     rng = np.random.default_rng(0)
     return [draw_run(setting, IMAGES, rng) for _ in range(runs)]

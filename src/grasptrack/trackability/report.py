@@ -209,7 +209,7 @@ ADDS_LITTLE = 0.9
 """What leaves more than this share of an error adds nothing worth telling."""
 
 
-class Row(NamedTuple):
+class Entry(NamedTuple):
     """One row: of what, the figure, and what goes with it."""
 
     name: str
@@ -217,43 +217,43 @@ class Row(NamedTuple):
     note: str
 
 
-def report_rows(found: Suitability) -> list[Row]:
+def report_rows(found: Suitability) -> list[Entry]:
     """All that was found, in rows."""
     looks = found.looks
     holes = {0: "no hole", 1: "1 hole"}.get(looks.holes, f"{looks.holes} holes")
     border = "cut by the border" if looks.clipped else f"{looks.border:.0f} px from the border"
     listed = [
-        Row("object", f"{looks.size:.0f} px", f"{100.0 * looks.share:.0f} % of the image, {border}, {holes}"),
-        Row(
+        Entry("object", f"{looks.size:.0f} px", f"{100.0 * looks.share:.0f} % of the image, {border}, {holes}"),
+        Entry(
             "contrast", f"{looks.contrast:.0f} levels", f"noise {looks.noise:.1f}, the ground's grain {looks.grain:.1f}"
         ),
-        Row("edges", f"{100.0 * looks.clear:.0f} % clear", f"{looks.sharpness:.1f} px wide"),
-        Row("motions", describe_motions(found.motions), describe_weakest_motion(found.motions)),
-        Row("symmetry", describe_symmetry(found.symmetry), f"equal objects in view: {len(found.equals) or 'none'}"),
-        Row("peaks", str(len(found.peaks)), f"a homography needs {PEAKS}"),
-        Row("surface", f"{found.surface.rms:.1f} levels/px", describe_texture(found, "surface")),
-        Row("ground", f"{found.ground.rms:.1f} levels/px", describe_texture(found, "ground")),
+        Entry("edges", f"{100.0 * looks.clear:.0f} % clear", f"{looks.sharpness:.1f} px wide"),
+        Entry("motions", describe_motions(found.motions), describe_weakest_motion(found.motions)),
+        Entry("symmetry", describe_symmetry(found.symmetry), f"equal objects in view: {len(found.equals) or 'none'}"),
+        Entry("peaks", str(len(found.peaks)), f"a homography needs {PEAKS}"),
+        Entry("surface", f"{found.surface.rms:.1f} levels/px", describe_texture(found, "surface")),
+        Entry("ground", f"{found.ground.rms:.1f} levels/px", describe_texture(found, "ground")),
     ]
-    listed += [Row(u.name, "no" if u.reason else "yes", u.reason) for u in found.strategies]
+    listed += [Entry(u.name, "no" if u.reason else "yes", u.reason) for u in found.strategies]
     if found.grasp is None:
-        return [*listed, Row("grasp", "none", "")]
+        return [*listed, Entry("grasp", "none", "")]
     return [*listed, *_grasp_rows(found, found.grasp)]
 
 
-def _grasp_rows(found: Suitability, grasp: Held) -> list[Row]:
+def _grasp_rows(found: Suitability, grasp: Held) -> list[Entry]:
     run = found.prediction
     error = format_px(found.error_px) if math.isfinite(found.error_px) else "not known"
     listed = [
-        Row(
+        Entry(
             "grasp",
             f"{grasp.opening:.0f} px wide",
             f"margin {math.degrees(grasp.margin):.0f}°, closes with {100.0 * grasp.chance:.0f} % chance",
         ),
-        Row("error", error, "of the worst contact, rms over a run"),
+        Entry("error", error, "of the worst contact, rms over a run"),
     ]
     if run is not None:
         listed.append(
-            Row(
+            Entry(
                 "located",
                 f"{100.0 * run.located:.0f} %",
                 f"expected of a run; {run.drawn.located} of {run.drawn.images} rendered images",

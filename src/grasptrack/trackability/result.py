@@ -205,15 +205,15 @@ def as_seen(found: Suitability, lens: Undistortion) -> Suitability:
     """
     grasp = found.grasp
     if grasp is not None:
-        J = lens.stretch(grasp.contacts)
+        J = lens.point_jacobian(grasp.contacts)
         covariance = np.asarray(J @ grasp.covariance @ np.swapaxes(J, 1, 2))
         sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
-        grasp = grasp._replace(contacts=lens.seen(grasp.contacts), covariance=covariance, sigma=sigma)
+        grasp = grasp._replace(contacts=lens.points_seen(grasp.contacts), covariance=covariance, sigma=sigma)
     return replace(
         found,
         grasp=grasp,
-        view=lens.view(found.view),
-        equals=tuple(lens.view(view) for view in found.equals),
-        peaks=lens.seen(found.peaks),
-        candidates=tuple(c._replace(view=lens.view(c.view)) for c in found.candidates),
+        view=lens.view_seen(found.view),
+        equals=tuple(lens.view_seen(view) for view in found.equals),
+        peaks=lens.points_seen(found.peaks),
+        candidates=tuple(c._replace(view=lens.view_seen(c.view)) for c in found.candidates),
     )

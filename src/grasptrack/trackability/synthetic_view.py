@@ -46,7 +46,7 @@ def denoise_image(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:
     return np.asarray(cv2.fastNlMeansDenoisingColored(image, None, noise, noise, *_PATCHES), dtype=np.uint8)
 
 
-class Setting(NamedTuple):
+class RunSetting(NamedTuple):
     """What a drawn run depends on.
 
     Attributes:
@@ -70,7 +70,7 @@ class Setting(NamedTuple):
         return 0.5 * np.array([self.width - 1.0, self.height - 1.0])
 
 
-class Step(NamedTuple):
+class RunImage(NamedTuple):
     """One image of a drawn run.
 
     Attributes:
@@ -84,11 +84,11 @@ class Step(NamedTuple):
     smear: Floats
 
 
-REST = Step(np.eye(3), 1.0, np.zeros(2))
+REST = RunImage(np.eye(3), 1.0, np.zeros(2))
 """An image like the first view but for its noise."""
 
 
-def draw_run(setting: Setting, count: int, rng: np.random.Generator) -> list[Step]:
+def draw_run(setting: RunSetting, count: int, rng: np.random.Generator) -> list[RunImage]:
     """A run of so many images after the first: a smooth way to a view that is drawn, in light and with a shutter of its own.
 
     The first view is taken as frontal; the camera is a pinhole of a focal length as it is known.
@@ -107,19 +107,19 @@ def draw_run(setting: Setting, count: int, rng: np.random.Generator) -> list[Ste
     shift = end - setting.centre
     shift *= min(1.0, SHIFT * setting.size / max(float(np.hypot(*shift)), 1e-9))
     gain, exposed = 1.0 + LIGHT * rng.uniform(-1.0, 1.0), EXPOSED * rng.uniform()
-    made, before = list[Step](), setting.centre
+    made, before = list[RunImage](), setting.centre
     for i in range(1, count + 1):
         u = 0.5 - 0.5 * math.cos(math.pi * i / count)
         axis = (math.cos(about), math.sin(about))
         H = _motion_homography(setting, f, turn * u, tilt * u, axis, math.exp(u * math.log(growth)), shift * u)
         now = setting.centre + shift * u
-        made.append(Step(H, 1.0 + (gain - 1.0) * u, exposed * (now - before)))
+        made.append(RunImage(H, 1.0 + (gain - 1.0) * u, exposed * (now - before)))
         before = now
     return made
 
 
 def _motion_homography(
-    setting: Setting, f: float, turn: float, tilt: float, axis: tuple[float, float], growth: float, shift: Floats
+    setting: RunSetting, f: float, turn: float, tilt: float, axis: tuple[float, float], growth: float, shift: Floats
 ) -> Floats:
     """(3, 3) how a pinhole of focal length f px sees a frontal plane after it was turned, tilted (rad) and brought nearer."""
     turned = cv2.Rodrigues(np.array([0.0, 0.0, turn]))[0]
@@ -151,7 +151,7 @@ class Stage:
         drawn = math.sqrt(max(noise**2 - _FLOOR, 0.0)) * self._rng.standard_normal(image.shape, np.float32)
         self._noise = np.rint(drawn).astype(np.int16)
 
-    def render_step(self, step: Step) -> NDArray[np.uint8]:
+    def render_step(self, step: RunImage) -> NDArray[np.uint8]:
         """(H, W) or BGR (H, W, 3) the view as a step shows it, with fresh noise."""
         size = (self._source.shape[1], self._source.shape[0])
         border = cv2.BORDER_REPLICATE
@@ -164,9 +164,9 @@ class Stage:
         noise = np.roll(self._noise, (rows, columns), axis=(0, 1))
         return np.asarray(cv2.add(seen, noise, dtype=cv2.CV_8U), dtype=np.uint8)
 
-    def render_grey(self, step: Step) -> Grey:
+    def render_grey(self, step: RunImage) -> Grey:
         """(H, W) the same in the mixture of colours that shows the object."""
-        return self._channel.grey(self.render_step(step))
+        return self._channel.to_grey(self.render_step(step))
 
 
 def _blur_kernel(smear: Floats) -> Floats:

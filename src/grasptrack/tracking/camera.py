@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import HORIZON, apply_homography
+from grasptrack.kernels.results import PinholeMisfit
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats
@@ -35,6 +36,26 @@ NEGLIGIBLE = 1e-3
 """Probability below which what is open is left out."""
 HELD = 1e12
 """Precision of what shall not move."""
+START_SLOPES = (0.4, 1.2)
+"""Slopes at which explanations are sought: 22 and 50 degrees from the camera's axis."""
+SAME_SLOPES = 0.01
+"""Slopes nearer than this are one explanation: half a degree."""
+MAX_COST_ABOVE = 20.0
+"""Cost above the least, twice a log, beyond which an explanation is dropped: 1 to 22,000."""
+TWO_SD_COST = 4.0
+"""Rise of the cost at two standard deviations of a Gaussian."""
+STEPS, COST_STEP = 20, 1e-3
+"""Of Levenberg and Marquardt: most steps, and the gain below which they end."""
+DAMPING, LESS_DAMPING, MORE_DAMPING, MAX_DAMPING = 1e-3, 0.3, 5.0, 1e5
+"""Of the same: at first, its factors after a better and a worse step, and where no step is better."""
+NOT_SQUARE, MOST_ASPECT = 0.01, 0.3
+"""Probability that pixels of which nothing is told are not square, and the log of their aspect's range then on either side."""
+ASPECT_VIEWS, ASPECT_STEP = 4, 1e-3
+"""Views from which on the pixels' aspect is asked for, and the step of the difference that stands for its derivative."""
+SQUARE = 0.02
+"""Log of an aspect, up to which pixels count as square: lenses and shutters that are not quite a pinhole make as much."""
+NARROWER = 0.7
+"""Factor by which a standard deviation is tried smaller."""
 
 
 class Mode(NamedTuple):
@@ -59,19 +80,21 @@ class Beforehand:
         theta: (3,) the most probable.
         scale: (3, 3) its covariance, where the slopes are Gaussian, as the focal length's log always is.
         freedom: of the slopes' t distribution, above 2, the scale then being its own; infinite where they are Gaussian.
+        aspect: width of a pixel for each unit of its height, where it is told; None where views shall tell.
     """
 
     theta: Floats
     scale: Floats
     freedom: float = math.inf
+    aspect: float | None = None
 
     @staticmethod
-    def usual(numbers: Numbers) -> Beforehand:
+    def of_unknown(numbers: Numbers) -> Beforehand:
         """Of a camera of which nothing is told: about one image width, looking down, and now and then from far aside."""
-        return Beforehand.calibrated(0.0, numbers.focal_sd, numbers)
+        return Beforehand.with_focal(0.0, numbers.focal_sd, numbers)
 
     @staticmethod
-    def calibrated(log: float, sd: float, numbers: Numbers) -> Beforehand:
+    def with_focal(log: float, sd: float, numbers: Numbers) -> Beforehand:
         """The same where the focal length's log, in image widths, is told and how far that is known."""
         scale = np.diag(np.square([sd, numbers.normal_sd, numbers.normal_sd]))
         return Beforehand(np.array([log, 0.0, 0.0]), scale, numbers.prior_freedom)
@@ -81,8 +104,8 @@ class Beforehand:
         """The same by a calibration, as `Undistortion.focal` has it; None where that tells nothing."""
         if told is None:
             return None
-        focal, uneven = told
-        return Beforehand.calibrated(math.log(focal), math.hypot(numbers.calibrated_sd, 0.5 * uneven), numbers)
+        focal, aspect = told
+        return replace(Beforehand.with_focal(math.log(focal), numbers.calibrated_sd, numbers), aspect=aspect)
 
     @property
     def covariance(self) -> Floats:
@@ -92,9 +115,9 @@ class Beforehand:
             C[1:, 1:] *= self.freedom / (self.freedom - 2.0)
         return C
 
-    def cost(self, theta: Floats) -> tuple[float, Floats, Floats]:
+    def prior_cost(self, theta: Floats) -> tuple[float, Floats, Floats]:
         """Twice the negative log of its density at theta; and the normal equations' matrix (3, 3) and right side (3,) there."""
-        inverse, row, left = self._parts
+        inverse, row, left = self._precision_parts
         off, A, n = self.theta - theta, left.copy(), self.freedom
         far, weight = float(off[1:] @ inverse @ off[1:]), 1.0
         if math.isfinite(n):
@@ -103,7 +126,7 @@ class Beforehand:
         return far + float(row @ off) ** 2, A, A @ off
 
     @cached_property
-    def _parts(self) -> tuple[Floats, Floats, Floats]:
+    def _precision_parts(self) -> tuple[Floats, Floats, Floats]:
         """Of the slopes (2, 2) the inverse scale; of the focal length, beyond what goes with them, (3,) and (3, 3)."""
         C = self.scale
         by_slopes = np.linalg.solve(C[1:, 1:], C[1:, 0])
@@ -111,7 +134,9 @@ class Beforehand:
         return np.asarray(np.linalg.inv(C[1:, 1:]), dtype=np.float64), row, np.outer(row, row)
 
 
-def plane_in_view(theta: Floats, centre: tuple[float, float], width: float, height: float) -> Floats:
+def plane_in_view(
+    theta: Floats, centre: tuple[float, float], width: float, height: float, aspect: float = 1.0
+) -> Floats:
     """(3, 3) homography from the object's plane, in px as if seen frontally, to px of the first view.
 
     Both have the same px at the centre, and the same scale but for the tilt there.
@@ -120,12 +145,13 @@ def plane_in_view(theta: Floats, centre: tuple[float, float], width: float, heig
         theta: as of `Mode`.
         centre: (x, y) px of the first view.
         width, height: px of the image.
+        aspect: width of a pixel for each unit of its height.
 
     Returns:
         NaN where the plane is not seen from its front.
     """
     f = width * math.exp(theta[0])
-    x, y = (centre[0] - 0.5 * width) / f, (centre[1] - 0.5 * height) / f
+    x, y = (centre[0] - 0.5 * width) / f, (centre[1] - 0.5 * height) / (f * aspect)
     s1, s2 = float(theta[1]), float(theta[2])
     across, n = math.hypot(1.0, s1), math.sqrt(1.0 + s1 * s1 + s2 * s2)
     if not s1 * x + s2 * y + 1.0 > 0.0:
@@ -136,20 +162,22 @@ def plane_in_view(theta: Floats, centre: tuple[float, float], width: float, heig
     columns = np.array([[first[0], second[0], x], [first[1], second[1], y], [first[2], second[2], 1.0]])
     columns[:, :2] /= f
     columns[:, 2] -= columns[:, 0] * centre[0] + columns[:, 1] * centre[1]
-    K = np.array([[f, 0.0, 0.5 * width], [0.0, f, 0.5 * height], [0.0, 0.0, 1.0]])
+    K = np.array([[f, 0.0, 0.5 * width], [0.0, f * aspect, 0.5 * height], [0.0, 0.0, 1.0]])
     return np.asarray(K @ columns, dtype=np.float64)
 
 
-def rectifying_homography(theta: Floats, centre: tuple[float, float], width: float, height: float) -> Floats:
+def rectifying_homography(
+    theta: Floats, centre: tuple[float, float], width: float, height: float, aspect: float = 1.0
+) -> Floats:
     """(3, 3) homography from px of the first view to the object's plane: the inverse of `plane_in_view`."""
-    H = np.linalg.inv(plane_in_view(theta, centre, width, height))
+    H = np.linalg.inv(plane_in_view(theta, centre, width, height, aspect))
     return np.asarray(H / H[2, 2], dtype=np.float64)
 
 
-def rectifying_view(theta: Floats, view: View, *, width: float, height: float) -> Floats:
+def rectifying_view(theta: Floats, view: View, *, width: float, height: float, aspect: float = 1.0) -> Floats:
     """(3, 3) homography from px of a view, of which theta is known, to the plane of the object whose outline it shows."""
     x, y = view.outer.points.mean(axis=0).tolist()
-    return rectifying_homography(theta, (x, y), width, height)
+    return rectifying_homography(theta, (x, y), width, height, aspect)
 
 
 @dataclass(frozen=True)
@@ -189,45 +217,48 @@ class PlaneSolver:
     Attributes:
         hull: (n, 2) px of the first view, round the outline.
         modes: the explanations, the most probable first.
+        aspect: width of a pixel for each unit of its height, as it was told or as the views tell it.
     """
 
     def __init__(self, target: Target, width: float, height: float, before: Beforehand) -> None:
         self._target, self._width, self._height, self._before = target, float(width), float(height), before
         x, y, w = (target.A @ np.array([*target.outline.mean(axis=0), 1.0])).tolist()
         self._centre = x / w, y / w
-        self.mend(target)
+        self.replace_outline(target)
         self._views: list[SeenPose] = []
+        self.aspect = before.aspect or 1.0
         self.modes: tuple[Mode, ...] = (Mode(before.theta, before.covariance, 1.0),)
 
-    def mend(self, target: Target) -> None:
+    def replace_outline(self, target: Target) -> None:
         """The first view has this outline, in the same work px."""
         hull = cv2.convexHull(apply_homography(target.A, target.outline).astype(np.float32))[:, 0]
         self._target, self.hull = target, np.asarray(hull, dtype=np.float64)
 
-    def rays(self, theta: Floats) -> Floats:
+    def pixel_to_ray(self, theta: Floats) -> Floats:
         """(3, 3) from px of an image to rays of the camera, the optical axis last."""
         f = self._width * math.exp(theta[0])
+        down = f * self.aspect
         return np.array(
-            [[1.0 / f, 0.0, -0.5 * self._width / f], [0.0, 1.0 / f, -0.5 * self._height / f], [0.0, 0.0, 1.0]]
+            [[1.0 / f, 0.0, -0.5 * self._width / f], [0.0, 1.0 / down, -0.5 * self._height / down], [0.0, 0.0, 1.0]]
         )
 
     def in_view(self, theta: Floats) -> Floats:
         """(3, 3) from px of the plane to px of the first view, see `plane_in_view`."""
-        return plane_in_view(theta, self._centre, self._width, self._height)
+        return plane_in_view(theta, self._centre, self._width, self._height, self.aspect)
 
     def _rectifying_homography(self, theta: Floats) -> Floats:
-        return rectifying_homography(theta, self._centre, self._width, self._height)
+        return rectifying_homography(theta, self._centre, self._width, self._height, self.aspect)
 
     def is_seen(self, theta: Floats) -> bool:
         """Whether all of the first view's outline lies in front of the camera."""
         f = self._width * math.exp(theta[0])
-        depth = f + (self.hull - 0.5 * np.array([self._width, self._height])) @ theta[1:]
+        depth = f + (self.hull - 0.5 * np.array([self._width, self._height])) @ (theta[1:] / (1.0, self.aspect))
         return bool(depth.min() > HORIZON * np.abs(depth).max())
 
     def _left_open(self) -> Open:
         """What stands for what all explanations leave open of the slopes; the first is the most probable theta."""
         if 0 < len(self._views) < FEW:
-            found = self._explored()
+            found = self._explore_modes()
             if found is not None:
                 return found
         nodes = _slope_nodes(math.inf if self._views else self._before.freedom)
@@ -244,21 +275,21 @@ class PlaneSolver:
             parts.append(Open(thetas, np.full(len(thetas), share), np.full(len(thetas), left)))
         return Open(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
-    def _explored(self) -> Open | None:
+    def _explore_modes(self) -> Open | None:
         """The same of few views, which may leave open what no two Gaussians describe; None where nothing explains them.
 
         For each of some focal lengths the slopes that explain the views best are sought, and what lies about these counts as
         probable as it is: importance sampling, by the Gaussians that were found.
         """
         sd = math.sqrt(float(self._before.scale[0, 0]))
-        far = [reach * np.array(way) for reach in (0.4, 1.2) for way in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+        far = [reach * np.array(way) for reach in START_SLOPES for way in ((1, 0), (-1, 0), (0, 1), (0, -1))]
         starts = [m.theta[1:] for m in self.modes] + far
         thetas, costs, odds = [], [], []
         for log in self._before.theta[0] + sd * FOCALS:
             bumps: list[tuple[Floats, Floats]] = []
             for start in starts:
                 _, theta, C = self._minimize_cost(np.array([log, *start]), slopes_alone=True)
-                new = all(((theta[1:] - other) ** 2).sum() > 1e-4 for other, _ in bumps)
+                new = all(((theta[1:] - other) ** 2).sum() > SAME_SLOPES**2 for other, _ in bumps)
                 if new and np.isfinite(C).all() and self.is_seen(theta):
                     bumps.append((theta[1:], WIDER * C[1:, 1:]))
             if not bumps:
@@ -288,19 +319,19 @@ class PlaneSolver:
         """Explanations of all views, the most probable first."""
         starts = [m.theta for m in self.modes if self._views[1:]]
         starts += [t * (1.0, -1.0, -1.0) for t in starts]
-        for reach in (0.4, 1.2) if len(self._views) < FEW else ():
+        for reach in START_SLOPES if len(self._views) < FEW else ():
             starts += [self._before.theta + reach * np.array([0, i, j]) for i, j in ((1, 0), (-1, 0), (0, 1), (0, -1))]
         found: list[tuple[float, Floats, Floats]] = []
         for start in starts:
             cost, theta, covariance = self._minimize_cost(start)
             apart = [theta - other for _, other, _ in found]
-            if math.isfinite(cost) and all(d[1] ** 2 + d[2] ** 2 > 1e-4 for d in apart):
+            if math.isfinite(cost) and all(d[1] ** 2 + d[2] ** 2 > SAME_SLOPES**2 for d in apart):
                 found.append((cost, theta, covariance))
         found.sort(key=lambda each: each[0])
         if not found:
             return self.modes
         least, found = found[0][0], found[:MOST_MODES]
-        found = [(c, t, self._shrink_covariance(c, t, C)) for c, t, C in found if c < least + 20.0]
+        found = [(c, t, self._shrink_covariance(c, t, C)) for c, t, C in found if c < least + MAX_COST_ABOVE]
         odds = [math.exp(-0.5 * (c - least)) * math.sqrt(max(float(np.linalg.det(C)), 0.0)) for c, _, C in found]
         modes = [Mode(t, C, o / sum(odds)) for (_, t, C), o in zip(found, odds, strict=True)]
         return self._merge_modes(modes, least) if len(modes) > 1 else tuple(modes)
@@ -309,7 +340,7 @@ class PlaneSolver:
         """Two explanations as one where what lies between them explains the views nearly as well."""
         one, other = modes
         middle = one.probability * one.theta + other.probability * other.theta
-        if self._normal_equations(middle)[0] > least + 4.0:
+        if self._normal_equations(middle)[0] > least + TWO_SD_COST:
             return tuple(sorted(modes, key=lambda m: -m.probability))
         spread = sum(m.probability * (m.covariance + np.outer(m.theta - middle, m.theta - middle)) for m in modes)
         return (Mode(middle, np.asarray(spread), 1.0),)
@@ -321,21 +352,21 @@ class PlaneSolver:
         """
         held = np.array([HELD if slopes_alone else 0.0, 0.0, 0.0])
         cost, A, b = self._normal_equations(theta)
-        damping = 1e-3
-        for _ in range(20):
+        damping = DAMPING
+        for _ in range(STEPS):
             if not math.isfinite(cost):
                 break
             new = theta + np.linalg.solve(A + np.diag(damping * np.diag(A) + held), b)
             there = self._normal_equations(new)
             if there[0] < cost:
-                done, theta = cost - there[0] < 1e-3, new
+                done, theta = cost - there[0] < COST_STEP, new
                 cost, A, b = there
-                damping *= 0.3
+                damping *= LESS_DAMPING
                 if done:
                     break
             else:
-                damping *= 5.0
-                if damping > 1e5:
+                damping *= MORE_DAMPING
+                if damping > MAX_DAMPING:
                     break
         return cost, theta, np.asarray(np.linalg.inv(A + np.diag(held)), dtype=np.float64) if math.isfinite(cost) else A
 
@@ -349,9 +380,10 @@ class PlaneSolver:
         for value, axis in zip(values.tolist(), axes.T, strict=True):
             sd = math.sqrt(max(value, 0.0))
             while (
-                sd > LEAST_SD and sum(self._normal_equations(theta + s * axis)[0] for s in (sd, -sd)) - 2.0 * cost > 4.0
+                sd > LEAST_SD
+                and sum(self._normal_equations(theta + s * axis)[0] for s in (sd, -sd)) - 2.0 * cost > TWO_SD_COST
             ):
-                sd *= 0.7
+                sd *= NARROWER
             kept.append(sd)
         return np.asarray((axes * np.square(kept)) @ axes.T, dtype=np.float64)
 
@@ -360,23 +392,61 @@ class PlaneSolver:
 
         A pose can be plainly wrong, as one in an image that is blurred or half covered: its error has heavy tails.
         """
-        numbers = self._target.numbers
-        cost, A, b = self._before.cost(theta)
+        cost, A, b = self._before.prior_cost(theta)
         if not self.is_seen(theta):
             return math.inf, A, b
-        own, freedom = numbers.pinhole_sd**2, numbers.prior_freedom
+        freedom = self._target.numbers.prior_freedom
         for view in self._views:
-            misfit, by_pose, by_theta = self._target.handle.pinhole(view.G, theta, self._width, self._height)
-            C = by_pose @ view.P @ by_pose.T
-            (c, d), (_, e) = C.tolist()
-            c, e = c + own, e + own
-            W = np.array([[e, -d], [-d, c]]) / (c * e - d * d)
-            far = float(misfit @ W @ misfit)
+            misfit, W, by_theta, far = self._misfit_of(view, theta)
             cost += (freedom + 2.0) * math.log1p(far / freedom)
             weighed = by_theta.T @ W * ((freedom + 2.0) / (freedom + far))
             A = A + weighed @ by_theta
             b = b - weighed @ misfit
         return (cost if math.isfinite(cost) else math.inf), A, b
+
+    def _misfit_of(self, view: SeenPose, theta: Floats) -> tuple[Floats, Floats, Floats, float]:
+        """(2,) by how much a view is none of this plane, its weight (2, 2), derivatives (2, 3), and the squared distance."""
+        misfit, by_pose, by_theta = self._pinhole_of(view, theta, self.aspect)
+        own = self._target.numbers.pinhole_sd**2
+        (c, d), (_, e) = (by_pose @ view.P @ by_pose.T).tolist()
+        c, e = c + own, e + own
+        W = np.array([[e, -d], [-d, c]]) / (c * e - d * d)
+        return misfit, W, by_theta, float(misfit @ W @ misfit)
+
+    def _pinhole_of(self, view: SeenPose, theta: Floats, aspect: float) -> PinholeMisfit:
+        found: PinholeMisfit = self._target.handle.pinhole(view.G, theta, self._width, self._height, aspect)
+        return found
+
+    # --- pixels that are not square -----------------------------------------------------------------
+
+    def _learn_aspect(self) -> bool:
+        """The pixels' aspect, where the views fit that of no square ones and nobody told it; whether it changed.
+
+        One step from the most probable explanation on theta and aspect together. Pixels are square, or, as seldom as
+        `NOT_SQUARE`, of any aspect within `MOST_ASPECT`: the evidence of both decides.
+        """
+        if self._before.aspect is not None or len(self._views) < ASPECT_VIEWS:
+            return False
+        theta, freedom = self.modes[0].theta, self._target.numbers.prior_freedom
+        A, b = np.zeros((4, 4)), np.zeros(4)
+        A[:3, :3], b[:3] = self._before.prior_cost(theta)[1:]
+        for view in self._views:
+            misfit, W, by_theta, far = self._misfit_of(view, theta)
+            there = self._pinhole_of(view, theta, self.aspect * math.exp(ASPECT_STEP)).misfit
+            J = np.column_stack([by_theta, (there - misfit) / ASPECT_STEP])
+            weighed = J.T @ W * ((freedom + 2.0) / (freedom + far))
+            A, b = A + weighed @ J, b - weighed @ misfit
+        if not np.isfinite(A).all() or not A[3, 3] > 0.0:
+            return False
+        step, C = np.linalg.solve(A, b), np.linalg.inv(A)
+        log, sd = math.log(self.aspect) + float(step[3]), math.sqrt(max(float(C[3, 3]), 0.0))
+        log = min(max(log, -MOST_ASPECT), MOST_ASPECT)
+        gain = 0.5 * min((log / sd) ** 2, 2.0 * MAX_COST_ABOVE)
+        odds = NOT_SQUARE * math.sqrt(2.0 * math.pi) * sd / (2.0 * MOST_ASPECT) * math.exp(gain)
+        new = math.exp(log) if odds > 1.0 and abs(log) > SQUARE else 1.0
+        changed = new != self.aspect
+        self.aspect = new
+        return changed
 
 
 @lru_cache

@@ -13,9 +13,11 @@ import numpy as np
 from grasptrack.equality import compared_by_value
 from grasptrack.kernels.results import SurfaceEvidence
 from grasptrack.tracking.evidence import (
+    apart_probability,
     departure_probability,
     missing_evidence,
     outline_evidence,
+    outline_open_probability,
     surface_evidence,
     unoccluded_evidence,
     wrong_object_probability,
@@ -41,6 +43,8 @@ CODES = (
     "uncertain",
     "other-shape",
     "other-surface",
+    "apart",
+    "outline-open",
     "ambiguous",
     "strategy-off",
     "lookalike",
@@ -56,6 +60,8 @@ LEAST_DEPTH = 0.1
 """Of a plane that is extended far beyond what was seen of it, relative to its depth where the object is expected."""
 DEPTH_POWER = 1.5
 """sqrt(area) of a piece of a plane goes with its depth to minus this power."""
+LEAST_SD = 1e-3
+"""px, below which no contact's standard deviation is taken."""
 PLACE_FREEDOMS = 4.0
 """Of an object in its plane: place, turn and size."""
 
@@ -78,6 +84,7 @@ class Decision:
         rival: the most probable of the estimates that put a contact elsewhere.
         rival_share: probability of the contacts where the rival has them.
         risk: probability from which on the estimate is not accepted.
+        alias: probability that an equal of the object is followed.
     """
 
     estimate: PoseEstimate | None
@@ -92,27 +99,34 @@ class Decision:
     rival: PoseEstimate | None = None
     rival_share: float = 0.0
     risk: float = NUMBERS.risk
+    alias: float = 0.0
 
     @property
-    def accepted(self) -> bool:
+    def is_accepted(self) -> bool:
         """Whether the contacts may be given out. Nothing but the probability decides it."""
         return self.probability_off < self.risk
 
     @property
     def code(self) -> str:
         """Why they may not, one of `CODES`; empty when they may."""
-        return "" if self.accepted else self.doubt
+        return "" if self.is_accepted else self.doubt
 
     @property
     def confidence(self) -> float:
-        """The complement of the probability, 0 to 1; 0 where nothing was found."""
-        return 1.0 - self.probability_off
+        """The complement of the probability, 0 to 1, but never more than scenes have shown; 0 where nothing was found."""
+        return 1.0 - max(self.probability_off, NUMBERS.untested)
 
-    def at(self, risk: float) -> Decision:
+    def with_risk(self, risk: float) -> Decision:
         """The same by another risk."""
         return replace(self, risk=risk)
 
-    def among(self, share: float) -> Decision:
+    def with_alias(self, probability: float) -> Decision:
+        """The same where what was found may be an equal of the object with a probability."""
+        more = probability > max(self.probability_off, self.alias)
+        off, alias = any_of(self.probability_off, probability), any_of(self.alias, probability)
+        return replace(self, probability_off=off, alias=alias, doubt="lookalike" if more else self.doubt)
+
+    def among_several(self, share: float) -> Decision:
         """The same where it is one of several answers between which nothing decides, with its share of the probability."""
         doubt = self.doubt if self.probability_off > 1.0 - share else "ambiguous"
         return replace(self, probability_off=any_of(self.probability_off, 1.0 - share), doubt=doubt)
@@ -160,7 +174,7 @@ class ExpectedSize(NamedTuple):
     slope: float
     spread: float
 
-    def share(self, estimate: PoseEstimate, here: tuple[float, float], there: tuple[float, float]) -> float:
+    def squared_deviation(self, estimate: PoseEstimate, here: tuple[float, float], there: tuple[float, float]) -> float:
         """The square of an estimate's deviation from the expected size in sd; it lies there, and is expected here, px."""
         (u, v), (x, y), (a, b, c) = here, there, self.depth
         away = math.hypot(x - u, y - v) / math.sqrt(self.area) * 2.0
@@ -181,14 +195,14 @@ def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) ->
     share = away / (numbers.travel**2 * estimate.area) + (turn / numbers.turn) ** 2
     nu, size = numbers.prior_freedom, 0.0
     if expected.size is not None:
-        size = expected.size.share(estimate, (u, v), (x, y))
+        size = expected.size.squared_deviation(estimate, (u, v), (x, y))
 
-    def within(steps: float) -> float:
+    def log_density(steps: float) -> float:
         return -0.5 * (nu + PLACE_FREEDOMS) * math.log1p((share / steps**2 + size) / nu)
 
     if expected.taken <= expected.steps:
-        return within(expected.steps)
-    return float(np.logaddexp(within(expected.steps), math.log(numbers.taken) + within(expected.taken)))
+        return log_density(expected.steps)
+    return float(np.logaddexp(log_density(expected.steps), math.log(numbers.taken) + log_density(expected.taken)))
 
 
 def lookalike_probability(state: TrackState, estimate: PoseEstimate, expected: Expected) -> float:
@@ -235,7 +249,7 @@ def decide_pose(state: TrackState, estimates: list[PoseEstimate], expected: Expe
     by_surface = [numbers.temper * max(0.0, surface.log_odds) for surface in surfaces]
     seen = [s + outline_evidence(e, numbers) for s, e in zip(by_surface, estimates, strict=True)]
     _level_turns(state, estimates, surfaces, seen)
-    scores = _log_posteriors(state, estimates, expected, surfaces, _strengths(estimates, by_surface, seen, numbers))
+    scores = _log_posteriors(state, estimates, expected, surfaces, _evidence_of(estimates, by_surface, seen, numbers))
     leading = max(range(len(estimates)), key=scores.__getitem__)
     allowed = contact_tolerance(estimates[leading].area, numbers)
     best = _most_exact(estimates, scores, leading, allowed)
@@ -249,13 +263,24 @@ def decide_pose(state: TrackState, estimates: list[PoseEstimate], expected: Expe
     absent = elsewhere / (own + elsewhere)
     outside = math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
     other = wrong_object_probability(state, chosen, expected.steps, surfaces[best])
-    off, presence = any_of(absent, outside, other), own / (own + elsewhere)
+    apart = apart_probability(state, chosen)
+    false_edge = outline_open_probability(state, chosen)
+    off, presence = any_of(absent, outside, other, apart, state.alias, false_edge), own / (own + elsewhere)
     figures = {"probability_off": off}
-    if presence <= 0.5 or absent >= max(outside, other):
+    if presence <= 0.5 or absent >= max(outside, other, apart, state.alias, false_edge):
         doubt = "not-there" if max(others[1:], default=-math.inf) <= nowhere else "other-place"
         if doubt == "not-there" and lookalike_probability(state, chosen, expected) > numbers.lookalike:
             doubt = "lookalike"
         figures |= {"presence": presence, "edges": chosen.edge_share}
+    elif false_edge >= max(outside, other, apart, state.alias):
+        doubt = "outline-open"
+        figures |= {"probability": false_edge}
+    elif state.alias >= max(outside, other, apart):
+        doubt = "lookalike"
+        figures |= {"presence": presence, "edges": chosen.edge_share}
+    elif apart >= max(outside, other):
+        doubt = "apart"
+        figures |= {"probability": apart}
     elif outside >= other:
         doubt = "uncertain"
         figures |= {"sigma": math.sqrt(variance), "tolerance": allowed}
@@ -269,7 +294,19 @@ def decide_pose(state: TrackState, estimates: list[PoseEstimate], expected: Expe
         share = sum(math.exp(scores[k] - top) for k in there) / (own + elsewhere)
     sigma = math.sqrt(variance)
     return Decision(
-        chosen, off, presence, sigma, allowed, other, seen[best], doubt, figures, rival, share, numbers.risk
+        chosen,
+        off,
+        presence,
+        sigma,
+        allowed,
+        other,
+        seen[best],
+        doubt,
+        figures,
+        rival,
+        share,
+        numbers.risk,
+        state.alias,
     )
 
 
@@ -293,7 +330,7 @@ def _level_turns(
         seen[k] += state.numbers.temper * (best_odds - estimates[k].log_odds + against)
 
 
-def _strengths(
+def _evidence_of(
     estimates: list[PoseEstimate], by_surface: list[float], seen: list[float], numbers: Numbers
 ) -> list[float]:
     """What is seen of each estimate, or its surface with the best outline nearby, where its own outline is deceived."""
@@ -355,13 +392,13 @@ def check_strategy_contacts(decision: Decision, contacts: Floats) -> Decision:
     if decision.estimate is None:
         return decision
     distance = max_contact_distance(contacts, decision.estimate.contacts)
-    spread = max(decision.sigma, 1e-3)
+    spread = max(decision.sigma, LEAST_SD)
     near, left = decision.tolerance / spread, max(0.0, decision.tolerance - distance) / spread
     # of the chance that the estimate's contacts are right, what is left for the strategy's
     least = max(-math.expm1(-0.5 * near * near), 1e-300)
     missed = (math.exp(-0.5 * left * left) - math.exp(-0.5 * near * near)) / least
     off = any_of(decision.probability_off, min(1.0, max(0.0, missed)))
-    if off <= 2.0 * decision.probability_off and not decision.accepted:
+    if off <= 2.0 * decision.probability_off and not decision.is_accepted:
         return replace(decision, probability_off=off)
     figures = {"probability_off": off, "distance": distance, "tolerance": decision.tolerance}
     return replace(decision, probability_off=off, doubt="strategy-off", figures=figures)

@@ -8,7 +8,7 @@ import numpy as np
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.plane import Plane
 from grasptrack.tracking.pose import Hypothesis, Look, PoseEstimate, sane_area
-from grasptrack.tracking.state import NO_BEND, Shutter, TrackState
+from grasptrack.tracking.state import NO_BEND, ContactSightings, Shutter, TrackState
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
 
@@ -16,12 +16,20 @@ UNKNOWN_POSE: Floats = np.full((3, 3), np.nan)
 """The last pose, where none tells what moved."""
 WHOLE_WAY = 1.0
 """Half the blur of what began to move since the last image, while the shutter was open all the time: as far as it went."""
+NO_WITNESS: Floats = np.full(8, np.inf)
+"""Variances of what the surface tells where it is not asked."""
 FIRST_POSE_SD = 0.05
 """Work px, of the pose's error in the first image, which defines it."""
 
 
 def estimate_pose(
-    state: TrackState, levels: list[Grey], hypothesis: Hypothesis, *, again: bool = False, still: bool = False
+    state: TrackState,
+    levels: list[Grey],
+    hypothesis: Hypothesis,
+    *,
+    again: bool = False,
+    still: bool = False,
+    surface: bool = True,
 ) -> PoseEstimate | None:
     """The pose near a hypothesis that image, prior and camera model agree on; None where there is none.
 
@@ -31,11 +39,12 @@ def estimate_pose(
         hypothesis: where it may be.
         again: edges may be blurred by all that moved since the last image.
         still: the last pose does not tell what moved since.
+        surface: False to leave the texture out, which then is looked at only.
     """
     target, readout = state.target, state.shutter.readout
     if not sane_area(target, hypothesis.G):
         return None
-    bend = NO_BEND if still else state.bend(levels, hypothesis.G)
+    bend = NO_BEND if still else state.shutter_bend(levels, hypothesis.G)
     found: PoseEstimate = target.handle.solve(
         levels,
         hypothesis.G,
@@ -52,6 +61,8 @@ def estimate_pose(
         hypothesis.reach,
         state.edge_width,
         WHOLE_WAY if again else state.blur_share,
+        state.surface_lag if surface else NO_WITNESS,
+        state.plane.aspect,
     )
     area = sane_area(target, found.G) if found.valid else 0.0
     if not area:
@@ -77,7 +88,7 @@ def first_state(
     """
     numbers, look = target.numbers, Look(levels, target.A)
     height, width = levels[0].shape
-    before = before or Beforehand.usual(numbers)
+    before = before or Beforehand.of_unknown(numbers)
     nuisance_covariance = np.diag([(numbers.thickness_sd * target.size) ** 2, 0.0, 0.0, 0.0])
     nuisance_covariance[1:, 1:] = before.scale
     state = TrackState(
@@ -90,6 +101,9 @@ def first_state(
         nuisance=np.array([0.0, *before.theta]),
         nuisance_covariance=nuisance_covariance,
         plane=Plane(target, width, height, before),
+        sightings=ContactSightings(
+            target.contacts.copy(), np.zeros(len(target.contacts)), target.contacts, np.full(len(target.contacts), True)
+        ),
         sides=numbers.sides,
         edge_width=target.edge_width,
         blur_share=numbers.blur_share,

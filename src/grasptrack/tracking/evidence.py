@@ -11,7 +11,7 @@ from grasptrack import kernels
 from grasptrack.kernels.results import SurfaceEvidence
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.pose import SAME_PLACE, PoseEstimate
-from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.state import SEEN, TrackState
 from grasptrack.typing import Floats
 
 SHARES_MISSING = np.linspace(0.02, 0.98, 25)
@@ -38,6 +38,8 @@ SUDDEN = math.log(100.0)
 """Odds against light that hides edges from one image to the next."""
 EXCHANGED = 0.1
 """Prior probability that something else lies in its place, after an image that showed it."""
+LEAST_AGREEING = 0.05
+"""Share of patches that usually agree, below which there is no surface to speak of."""
 MAX_EXPONENT = 50.0
 """Of odds: beyond it nothing changes."""
 
@@ -135,6 +137,56 @@ def wrong_object_probability(
     if state.accepted:  # until then an image may show another of its kind, or the same in other light
         odds += other_surface_odds(surface.log_odds, numbers)
     return odds / (1.0 + odds)
+
+
+def apart_probability(state: TrackState, estimate: PoseEstimate) -> float:
+    """Probability that a contact has moved with another body than what is followed, as a handle that opens.
+
+    The edge under the finger is seen elsewhere, and the surface beside it does not testify against that. Either something
+    covers that place, and the more of the surface it covers beyond what is hidden of the outline the less probable that is;
+    or the object has come apart.
+    What agrees usually is that of all views: doubt must not become habit.
+    """
+    if not len(estimate.other):
+        return 0.0
+    target, numbers = state.target, state.numbers
+    (height, width), (x, y) = state.last.levels[0].shape, estimate.contacts.T
+    inside = (x >= 0.0) & (y >= 0.0) & (x < width) & (y < height)  # beyond the border no edge is seen anywhere
+    beside = target.seen_surface(estimate.correlation, state.usual)
+    denied = float((inside * target.contact_visibility(estimate.other) * (1.0 - beside)).max())
+    agreeing = agreeing_share(estimate)
+    if state.agreeing > LEAST_AGREEING and math.isfinite(agreeing):
+        missing = max(0.0, 1.0 - agreeing / state.agreeing - estimate.hidden)
+    else:  # without a surface the outline alone tells how much of the object does not move along
+        missing = estimate.elsewhere
+    odds = numbers.apart * math.exp(power_surprisal(missing, numbers.apart_power))
+    return denied * odds / (1.0 + odds)
+
+
+def contact_testimony(state: TrackState, estimate: PoseEstimate) -> Floats:
+    """(k,) 0 to 1: how much of each contact is seen, by the outline under the finger or the surface beside it."""
+    beside = state.target.seen_surface(estimate.correlation, state.usual)
+    return np.maximum(state.target.contact_visibility(estimate.visible), beside)
+
+
+def outline_open_probability(state: TrackState, estimate: PoseEstimate) -> float:
+    """Probability that a contact lies beside the object, on an edge that the first view alone showed.
+
+    Of a wrong first outline a contact is not seen where it has moved to; of a right one seldom, where something covers it.
+    Once it was seen there it is the object's.
+    """
+    sightings, numbers = state.sightings, state.numbers
+    unseen = sightings.open & sightings.have_moved(estimate.contacts, numbers)
+    if not sightings.doubt or not unseen.any() or not len(estimate.visible):
+        return 0.0
+    false = sightings.doubt / (sightings.doubt + (1.0 - sightings.doubt) * numbers.share_occluded)
+    return false * float((unseen * np.maximum(0.0, 1.0 - contact_testimony(state, estimate) / SEEN)).max())
+
+
+def agreeing_share(estimate: PoseEstimate) -> float:
+    """Share of the patches in view that agree with an estimate; NaN where none is in view."""
+    in_view = sum(int(np.count_nonzero(np.isfinite(r))) for r in estimate.correlation)
+    return estimate.texture_agreeing * sum(map(len, estimate.correlation)) / in_view if in_view else math.nan
 
 
 def departure_probability(steps: float, numbers: Numbers) -> float:

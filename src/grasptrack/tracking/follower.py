@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from grasptrack.tracking.decision import (
     any_of,
     check_strategy_contacts,
 )
+from grasptrack.tracking.equals import Shows, alias_probability, complete_row
 from grasptrack.tracking.estimator import estimate_pose, first_state
 from grasptrack.tracking.evidence import (
     SUDDEN,
@@ -36,7 +37,7 @@ from grasptrack.tracking.evidence import (
 from grasptrack.tracking.hypotheses import Predictions, Solutions, predict_hypotheses
 from grasptrack.tracking.learning import learn, lose
 from grasptrack.tracking.mending import Mended, Mender
-from grasptrack.tracking.messages import Reason
+from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.pose import (
     TURNED,
@@ -60,13 +61,15 @@ OUTLINE_POINTS = 60
 """Points of an outline at which it is compared with another."""
 LOOKALIKE_EVIDENCE = 0.5
 """Share of the evidence for the object that something has to show to be just like it."""
+ALIKE_SHARE = 0.75
+"""Share of the edges that the object shows, from which on a place shows a part."""
 AUTO = "auto"
 """Name of the strategy that registers all that is seen."""
 REGISTRATION = "registration"
 """Name of what it answers with."""
 
 
-class Proposal(NamedTuple):
+class StrategyProposal(NamedTuple):
     """What a strategy by itself makes of an image.
 
     Attributes:
@@ -82,7 +85,7 @@ class Proposal(NamedTuple):
     view: View
 
 
-Proposals = Iterable[Sequence[Proposal]]
+Proposals = Iterable[Sequence[StrategyProposal]]
 """In the order in which they are to be tried, those that are rivals together."""
 
 
@@ -118,14 +121,16 @@ class Follower:
         levels = build_pyramid(grey)
         self.risk, self._observer = risk, observer
         self._hidden = None if observer is None else observer.hidden
-        target = make_target(levels, view, contacts, NUMBERS.learning(risk), self._hidden)
+        target = make_target(levels, view, contacts, NUMBERS.for_learning(risk), self._hidden)
         self.state = first_state(target, levels, before, time)
         self.redetection = Redetection(target, levels, observer, self._hidden)
         self.mended = 0.0
         self._mended: Mended | None = None
         self._mender = Mender(target, levels, self._hidden)
-        if self._has_lookalike(self.state.last):
+        equals = [e.middle for e in self._find_lookalikes(self.state.last)]
+        if equals:
             self.state.note_lookalike(anywhere=True)
+            self.state.equals = complete_row(target, target.A, equals, self._parts_shown(levels[0], target.A))
 
     @property
     def target(self) -> Target:
@@ -134,32 +139,33 @@ class Follower:
 
     def update(self, grey: Grey, time: float | None = None) -> Decision:
         """The best pose in the next image (H, W), taken at a time in s, and whether it is believed."""
-        levels, predictions, expected = self._predict(grey, time)
+        levels, predictions, expected = self._predict_next(grey, time)
         state, target, risk = self.state, self.target, self.state.numbers.risk
-        first = self.redetection.continued(levels, predictions.first) if state.lost else predictions.first
+        first = self.redetection.worth_solving(levels, predictions.first) if state.lost else predictions.first
         solutions = Solutions(state, levels, expected, first)
-        decision = solutions.decide()
-        if decision.accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
+        decision = solutions.decide_among()
+        if decision.is_accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
             # texture may have slid along itself
             before = decision.estimate
             solutions.add(distinct_hypotheses(target, predictions.second))
-            decision = solutions.decide()
+            decision = solutions.decide_among()
             if decision.estimate is not None and lead_alike(target, decision.estimate, before):
                 state.confirmed = outline_surprisal(decision.estimate, target.numbers)
         # what this image alone shows to be there is not looked for elsewhere
         e, told = decision.estimate, decision.evidence > -math.log(risk)
         shown = decision.code == "uncertain" and told and not state.lost and e is not None and not self._is_sudden(e)
-        if not decision.accepted and not shown:
+        if not decision.is_accepted and not shown:
             self._look_if_gone(levels, predictions, solutions)
             second = self.redetection.promising(levels, predictions.second)
-            solutions.add(second + self.redetection.search(state, levels))
-            decision = solutions.decide()
-        elif decision.accepted and state.lost and departure_probability(expected.steps, target.numbers) > risk:
+            solutions.add(second + self.redetection.search_image(state, levels))
+            decision = solutions.decide_among()
+        elif decision.is_accepted and state.lost and departure_probability(expected.steps, target.numbers) > risk:
             # what lies at its place may be another one while it lies elsewhere
-            solutions.add(self.redetection.search(state, levels))
-            decision = solutions.decide()
+            solutions.add(self.redetection.search_image(state, levels))
+            decision = solutions.decide_among()
         decision = self._against_slides(decision, solutions)
         decision = self._against_turns(decision, solutions)
+        decision = self._against_equals(decision, levels, predictions)
         self._learn_from_image(levels, decision, predictions)
         if state.lost:
             state.sighted = best_sighted_pose(state, solutions.found, solutions.expected.steps)
@@ -167,31 +173,31 @@ class Follower:
 
     def judge(
         self, grey: Grey, time: float | None, propose: Callable[[Floats], Proposals]
-    ) -> tuple[Decision, Proposal | None]:
+    ) -> tuple[Decision, StrategyProposal | None]:
         """As `update`, of what a strategy proposes, against continuity: what is decided of a proposal, and of which.
 
         Args:
             grey, time: as for `update`.
             propose: the proposals, given the pose (3, 3) that is expected; they are asked for until one is accepted.
         """
-        levels, predictions, expected = self._predict(grey, time)
+        levels, predictions, expected = self._predict_next(grey, time)
         state = self.state
         solutions = Solutions(state, levels, expected, predictions.first)
-        found = answer = solutions.decide()
-        if not found.accepted:
+        found = answer = solutions.decide_among()
+        if not found.is_accepted:
             self._look_if_gone(levels, predictions, solutions)
-        proposed, nearest = list[Proposal](), None
+        proposed, nearest = list[StrategyProposal](), None
         for batch in propose(state.expected if state.lost else predictions.first[0].G):
             proposed += batch
             solutions.add([proposal.hypothesis for proposal in batch])
-            found = answer = solutions.decide()
+            found = answer = solutions.decide_among()
             if found.estimate is None or not proposed:
                 continue
             contacts = found.estimate.contacts
             nearest = min(proposed, key=lambda proposal: max_contact_distance(proposal.contacts, contacts))
-            found = self._against_turns(found, solutions)
+            found = self._against_equals(self._against_turns(found, solutions), levels, predictions)
             answer = check_strategy_contacts(found, nearest.contacts)
-            if answer.accepted:
+            if answer.is_accepted:
                 break
         self._learn_from_image(levels, found, predictions)  # whatever the strategy makes of it
         return answer, nearest
@@ -202,11 +208,11 @@ class Follower:
         exposed[:2] = numbers.exposed * min(self.state.moved)
         return np.asarray(estimate.P * numbers.inflate**2 + np.diag(exposed**2), dtype=np.float64)
 
-    def _predict(self, grey: Grey, time: float | None) -> tuple[list[Grey], Predictions, Expected]:
+    def _predict_next(self, grey: Grey, time: float | None) -> tuple[list[Grey], Predictions, Expected]:
         """The next image's pyramid, and what continuity says of it before it is looked at."""
         if self._mended is not None:  # the last image has told that the outline is another
             self.mended = self._mended.share
-            self.state.mend(self._mended.target, self._mended.usual)
+            self.state.replace_outline(self._mended.target, self._mended.usual)
             self.redetection = Redetection(self.target, self._mended.levels, self._observer, self._hidden)
             self._mended = None
         levels = build_pyramid(grey)
@@ -233,14 +239,14 @@ class Follower:
             e = decision.estimate
             if e is None:
                 break
-            moved = target.difference(state.last.G, e.G)
+            moved = target.pose_difference(state.last.G, e.G)
             near = float(np.hypot(*moved[:2])) < 0.5 * float(np.hypot(*target.slides[0]))
             if near and not state.lost and solutions.missing_texture(e) < missing:
                 break
             G = [e.G @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]) for x, y in target.slides]
             P = e.P + numbers.predicted**2 * target.noise_of_motion
             solutions.add([Hypothesis(e.origin, each, P) for each in G])
-            decision = solutions.decide()
+            decision = solutions.decide_among()
             own = decision.estimate
             if own is None or max_contact_distance(own.contacts, e.contacts) < decision.tolerance:
                 break
@@ -255,12 +261,12 @@ class Follower:
             for k, e in enumerate(estimates):
                 if own is not None and e is not own and self._is_turned(own, e):
                     estimates[k] = changed_estimate(e, origin=TURNED)
-            return solutions.decide()
+            return solutions.decide_among()
 
         if target.turns and (state.lost or state.gone or not state.accepted):
-            if decision.rival is not None and not decision.accepted:
+            if decision.rival is not None and not decision.is_accepted:
                 decision = decide_turned()
-            if decision.estimate is not None and decision.accepted:
+            if decision.estimate is not None and decision.is_accepted:
                 solutions.add([Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns])
                 decision = decide_turned()
         own, rival = decision.estimate, decision.rival
@@ -271,12 +277,32 @@ class Follower:
         only_turned = own is not None and rival is not None and self._is_turned(own, rival)
         return replace(decision, doubt="ambiguous") if decision.doubt == "other-place" and only_turned else decision
 
+    def _against_equals(self, decision: Decision, levels: list[Grey], predictions: Predictions) -> Decision:
+        """A decision against the equals of the object, one of which may have come to its place.
+
+        What rests on the ground, and moved as that did, is no other.
+        """
+        state, e = self.state, decision.estimate
+        if e is None or state.lost or not len(state.equals):
+            return decision
+        if predictions.background is not None:
+            carried = self.target.carried_contacts(predictions.background)
+            if max_contact_distance(e.contacts, carried) < decision.tolerance:
+                return decision
+        shows = self._parts_shown(levels[0], e.G)
+        return decision.with_alias(alias_probability(state, e, predictions.even, shows))
+
+    def _parts_shown(self, grey: Grey, own: Floats) -> Shows:
+        """Whether an image that shows the object at a pose shows a part at another one."""
+        enough, share = ALIKE_SHARE * self.redetection.edge_share(grey, own), self.redetection.edge_share
+        return lambda G: share(grey, G) >= enough
+
     def _any_turn(self, decision: Decision, own: PoseEstimate) -> Decision:
         """A decision of what is round and may have turned by any angle, few of which leave the contacts there."""
         center = np.array(own.middle)
         radius = float(np.hypot(*(own.contacts - center).T).max())
         share = 2.0 / math.pi * math.asin(min(1.0, 0.5 * decision.tolerance / max(radius, 1e-9)))
-        return decision.among(share)
+        return decision.among_several(share)
 
     def _is_turned(self, one: PoseEstimate, other: PoseEstimate) -> bool:
         """Whether two estimates put the contacts at different places, but the outline at the same."""
@@ -306,7 +332,7 @@ class Follower:
             size = ExpectedSize(area, (c * f - d * e, b * e - a * f, a * d - b * c), state.slope, spread)
         presence = min(max(state.presence * (1.0 - numbers.hazard), numbers.redetected), 1.0 - numbers.hazard)
         steps, taken = ANYWHERE_STEPS if state.gone else unseen, state.lost + passed if state.lost else 0.0
-        return Expected(target.carried(G), presence, steps, size, taken)
+        return Expected(target.carried_contacts(G), presence, steps, size, taken)
 
     def _expected_pose(self, predictions: Predictions) -> Floats:
         """(3, 3) where it is expected: as it moved, or, once it is lost, where the background has its place."""
@@ -324,20 +350,19 @@ class Follower:
         if state.gone:
             solutions.expected = solutions.expected._replace(steps=ANYWHERE_STEPS)
 
-    def _has_lookalike(self, look: Look) -> bool:
-        """Whether a look at the object shows something just like it elsewhere."""
+    def _find_lookalikes(self, look: Look) -> Iterator[PoseEstimate]:
+        """What a look at the object shows elsewhere that is just like it."""
         state = self.state
         own = estimate_pose(state, look.levels, Hypothesis("at rest", look.G, state.P))
         if own is None:
-            return False
+            return
         # later on, what covers the object may have an outline like it
-        for hypothesis in self.redetection.rivals(look, thorough=not state.accepted):
+        for hypothesis in self.redetection.find_lookalikes(look, thorough=not state.accepted):
             other = estimate_pose(state, look.levels, hypothesis, still=True)
             if other is None or is_at(own, other.middle):
                 continue
             if pose_evidence(state, other) > LOOKALIKE_EVIDENCE * pose_evidence(state, own) > 0.0:
-                return True
-        return False
+                yield other
 
     def _shows_both(self, decision: Decision) -> bool:
         """Whether one image shows the object where it was, and something that looks just like it elsewhere."""
@@ -347,7 +372,7 @@ class Follower:
         less, more = sorted(pose_evidence(state, e) for e in (one, other))
         if not less > LOOKALIKE_EVIDENCE * more > 0.0:
             return False
-        place = mean_point(self.target.carried(state.expected))
+        place = mean_point(self.target.carried_contacts(state.expected))
         away = max(one, other, key=lambda e: math.dist(e.middle, place))
         return wrong_object_probability(state, away, 1.0) < 0.5
 
@@ -355,16 +380,18 @@ class Follower:
         state, e = self.state, decision.estimate
         if self._shows_both(decision):
             state.note_lookalike()
-        roughly = decision.code == "uncertain" and decision.evidence > 0.0
+        roughly = (
+            decision.code in ("uncertain", "apart", "outline-open") and decision.evidence > 0.0
+        )  # what is followed is found, but not every contact
         if state.lost:  # what is found anew must be the object, wherever its contacts are
             roughly = roughly and any_of(1.0 - decision.presence, decision.exchanged) < state.numbers.risk
-        if e is not None and (decision.accepted or roughly):
+        if e is not None and (decision.is_accepted or roughly):
             learn(state, levels, decision, e, predictions)
         else:
-            alike = not state.lost and (state.lookalike or self._has_lookalike(state.located))
+            alike = not state.lost and (state.lookalike or next(self._find_lookalikes(state.located), None) is not None)
             lose(state, levels, decision, predictions, lookalike=alike)
         if not self._mender.is_over:
-            self._mended = self._mender.look(state, levels, decision)
+            self._mended = self._mender.examine_image(state, levels, decision)
 
 
 class Moved(NamedTuple):
@@ -384,7 +411,7 @@ class Moved(NamedTuple):
     homography: Floats | None = None
     view: View | None = None
     covariance: Floats | None = None
-    reason: Reason = Reason()
+    reason: StatusReason = StatusReason()
 
 
 class Registration:
@@ -397,10 +424,10 @@ class Registration:
 
     def move(self, grey: Grey, time: float | None) -> Moved:
         """The grasp in the next image (H, W), taken at a time in s."""
-        decision, target = self.follower.update(grey, time).at(self.follower.risk), self.follower.target
+        decision, target = self.follower.update(grey, time).with_risk(self.follower.risk), self.follower.target
         estimate = decision.estimate
-        if estimate is None or not decision.accepted:
-            return Moved(decision, reason=Reason(decision.code, decision.figures))
+        if estimate is None or not decision.is_accepted:
+            return Moved(decision, reason=StatusReason(decision.code, decision.figures))
         H = target.homography(estimate.G)
         view, covariance = target.view.transformed(H), self.follower.pose_covariance(estimate)
         return Moved(decision, estimate.contacts, H, view, covariance)

@@ -21,7 +21,7 @@ from grasptrack.tracking.pose import (
     lead_alike,
     worst_variance,
 )
-from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.state import MAX_LOG_ODDS, TrackState
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
 
@@ -37,6 +37,14 @@ AGREE_DISTANCE = 20.1
 """Squared Mahalanobis distance of predictions that agree: 99 % of chi-squared with 8 degrees of freedom."""
 LEAST_OF_USUAL = 0.5
 """Share of the usual evidence of the surface below which a second solution is looked for."""
+
+ALONE = 0.5
+"""Share of a frame's motion, as a standard deviation, by which the outline alone may leave the joint answer. With all of it so
+many edges come into question everywhere that none is believed."""
+
+ROOM = 0.5
+"""Share of the standard deviation that an answer may have, up to which the outline alone fixes every contact: that the surface
+says otherwise comes on top."""
 
 
 class Predictions(NamedTuple):
@@ -76,7 +84,8 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     flow = None if state.lost else _align_last_look(state, levels, rest, Q, target.clear_corners(state.visible))
     first = []
     if flow is not None:
-        hypothesis = Hypothesis("texture", flow.G, state.P + flow.P + Q * numbers.predicted**2)
+        P = state.P + flow.P + Q * numbers.predicted**2 + np.diag(state.surface_lag)
+        hypothesis = Hypothesis("texture", flow.G, P)
         first = [hypothesis]
         if even is not None:
             calm = Hypothesis("moving on", even, state.P + state.velocity_P + Q * state.agility)
@@ -153,7 +162,7 @@ class Solutions:
         self._second: list[tuple[PoseEstimate, PoseEstimate | None]] = []
         self.add(hypotheses)
 
-    def decide(self) -> Decision:
+    def decide_among(self) -> Decision:
         """What is decided of all that is found."""
         return decide_pose(self._state, self.found, self.expected)
 
@@ -179,7 +188,7 @@ class Solutions:
                     estimate = other
                 else:
                     estimate = changed_estimate(estimate, confirmed=True)
-            self.found.append(estimate)
+            self.found.append(self._against_outline(estimate, still=still))
 
     def _is_answered(self, hypothesis: Hypothesis) -> bool:
         """Whether an answer that shows the object lies where a hypothesis would lead."""
@@ -200,6 +209,35 @@ class Solutions:
             self._second.append((found, found))
         return found
 
+    def _against_outline(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate:
+        """An estimate that much of the outline contradicts, or what the outline says alone; with the spread of both.
+
+        Surface and outline are two witnesses, either of which may fail as a whole: compression, a reflection or dirt holds
+        the one where it was, a cover or a shadow carries the other off. What later views seldom showed of the first outline
+        is no witness; where less of the rest lies elsewhere it agrees with the surface.
+        """
+        state, target = self._state, self._state.target
+        shown, least = float(state.shown.sum()), state.numbers.contradicted
+        own = float(state.shown @ estimate.other) / shown if shown > least * len(state.shown) else estimate.elsewhere
+        if own < least or not estimate.texture_agreeing:
+            return estimate
+        alone = Hypothesis(estimate.origin, estimate.G, estimate.P + ALONE**2 * target.noise_of_motion)
+        other = estimate_pose(state, self._levels, alone, still=still, surface=False)
+        if other is None or lead_alike(target, other, estimate) or not self._is_whole(other):
+            return estimate
+        gain = min(max(pose_evidence(state, other) - pose_evidence(state, estimate), -MAX_LOG_ODDS), MAX_LOG_ODDS)
+        fails = state.numbers.witness_fails
+        right = min(max(1.0 / (1.0 + math.exp(-gain)), fails), 1.0 - fails)
+        better, worse, left = (other, estimate, 1.0 - right) if right > 0.5 else (estimate, other, right)
+        found: PoseEstimate = target.handle.unsure(better, worse, left)
+        return changed_estimate(found, confirmed=estimate.confirmed)
+
+    def _is_whole(self, outline: PoseEstimate) -> bool:
+        """Whether what the outline says alone hangs together, and fixes every contact: else it is no witness."""
+        numbers = self._state.numbers
+        fixed = math.sqrt(worst_variance(outline.covariance)) < ROOM * largest_sigma(outline.area, numbers)
+        return fixed and outline.elsewhere < numbers.elsewhere
+
     def missing_texture(self, estimate: PoseEstimate) -> float:
         """By how much the evidence of the surface falls short of what it would be if its patches looked as usual."""
         return expected_texture(self._state, estimate) - texture_evidence(self._state, estimate)
@@ -213,7 +251,7 @@ class Solutions:
 
     def _score_estimate(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
         """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
-        away: Floats = self._state.target.difference(hypothesis.G, estimate.G)
+        away: Floats = self._state.target.pose_difference(hypothesis.G, estimate.G)
         distance = float(away @ np.linalg.solve(hypothesis.P, away))
         freedom = self._state.numbers.prior_freedom
         prior = -0.5 * (freedom + len(away)) * math.log1p(distance / freedom)

@@ -28,7 +28,7 @@ from grasptrack.tracking.decision import Decision, check_strategy_contacts
 from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.evidence import texture_evidence
 from grasptrack.tracking.follower import REGISTRATION
-from grasptrack.tracking.messages import Reason
+from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.pose import Hypothesis, PoseEstimate, max_contact_distance
 from grasptrack.tracking.redetection import Keypoints
@@ -150,10 +150,10 @@ def transfer_between_images(
         found, ways, told = _by_outline(asked, outline)
     except (ObservationError, TransferError) as problem:
         scene = _Scene(asked, None, focal)
-        decision = scene.decided(scene.by_keypoints())
-        if not decision.accepted:
+        decision = scene.decide_among(scene.by_keypoints())
+        if not decision.is_accepted:
             raise problem from None
-        return scene.pair(decision, MatchOutcome("matched", None, [], ""), [])
+        return scene.make_pair(decision, MatchOutcome("matched", None, [], ""), [])
     assert told.best is not None
     alike = [told.best, *told.others]
     worse = [m for m in ways if not any(m is known for known in alike)]
@@ -161,22 +161,22 @@ def transfer_between_images(
     made = [(m, e) for m in alike if (e := scene.by_match(m)) is not None]
     by_worse = [scene.by_match(m) for m in worse]
     every = [*(e for _, e in made), *by_worse, *scene.by_keypoints()]
-    whole = scene.decided(every)
+    whole = scene.decide_among(every)
     if scene.is_sure(whole) or not made:
-        return scene.pair(whole, scene.settled(whole, told), [], told.best.homography)
+        return scene.make_pair(whole, scene.settle_outcome(whole, told), [], told.best.homography)
     # nothing but their turns tells those apart for which there is as much evidence: the least that the surface allows
-    made = _by_turn(scene.undecided(made), outline)
-    decisions = [scene.decided([e, *by_worse]) for _, e in made]
+    made = _by_turn(scene.undecided_matches(made), outline)
+    decisions = [scene.decide_among([e, *by_worse]) for _, e in made]
     chosen = next((i for i, each in enumerate(decisions) if scene.is_sure(each)), 0)
-    own, decision = made[chosen][1], scene.decided([made[chosen][1], *by_worse])
+    own, decision = made[chosen][1], scene.decide_among([made[chosen][1], *by_worse])
     others = [e for _, e in made if not same_place(e, own, NUMBERS)]
-    places = scene.places(own, others)
+    places = scene.possible_places(own, others)
     if not places:
-        decision = scene.decided(every)
-        return scene.pair(decision, scene.settled(decision, told), [], told.best.homography)
-    left, decision = told._replace(status="ambiguous"), decision.among(places[0].share)
+        decision = scene.decide_among(every)
+        return scene.make_pair(decision, scene.settle_outcome(decision, told), [], told.best.homography)
+    left, decision = told._replace(status="ambiguous"), decision.among_several(places[0].share)
     turns = [place.turn for place in places[1:]]
-    return scene.pair(decision, left, turns, scene.target.homography(own.G), places)
+    return scene.make_pair(decision, left, turns, scene.target.homography(own.G), places)
 
 
 class _Asked(NamedTuple):
@@ -218,9 +218,9 @@ class _Scene:
 
     def __init__(self, asked: _Asked, found: Candidate | None, focal: Beforehand | None) -> None:
         self._asked, self._found = asked, found
-        self._strict = NUMBERS.learning(asked.risk).risk
+        self._strict = NUMBERS.for_learning(asked.risk).risk
         channel = PLAIN if found is None else found.channel
-        self._first, self._second = channel.grey(asked.first), channel.grey(asked.second)
+        self._first, self._second = channel.to_grey(asked.first), channel.to_grey(asked.second)
         before, self._levels = build_pyramid(self._first), build_pyramid(self._second)
         hidden = asked.said.hidden
         if hidden is not None and hidden.shape != self._first.shape:
@@ -237,7 +237,7 @@ class _Scene:
     def by_keypoints(self) -> list[PoseEstimate | None]:
         """The pose on which keypoints of the surface agree, made exact, and the turns of it in which its outline fits as well;
         nothing without, nor where they agree on another object than was pointed at."""
-        G = Keypoints(self.target, self._first).find(self._levels[0])
+        G = Keypoints(self.target, self._first).find_pose(self._levels[0])
         if G is None:
             return []
         own = self._refine_hypothesis(Hypothesis("keypoints", G, self.target.noise_of_guess))
@@ -253,31 +253,31 @@ class _Scene:
     def _refine_hypothesis(self, hypothesis: Hypothesis) -> PoseEstimate | None:
         return single_estimate(self._state, self._levels, hypothesis)
 
-    def decided(self, estimates: list[PoseEstimate | None]) -> Decision:
+    def decide_among(self, estimates: list[PoseEstimate | None]) -> Decision:
         """What is decided of some estimates, which stand against those that strategies will ask for."""
         self._standing = [e for e in estimates if e is not None]
         return decide_single(self._state, self._standing)
 
     def is_sure(self, decision: Decision) -> bool:
         """Whether a decision is accepted also at the default risk: what the user takes at a higher one is no surer for it."""
-        return decision.at(self._strict).accepted
+        return decision.with_risk(self._strict).is_accepted
 
-    def settled(self, decision: Decision, told: MatchOutcome) -> MatchOutcome:
+    def settle_outcome(self, decision: Decision, told: MatchOutcome) -> MatchOutcome:
         """What the outlines amount to once it is decided: where they slide along each other, only the surface tells."""
         assert told.best is not None
         estimate, best = decision.estimate, told.best
         shown = 0.0 if estimate is None else texture_evidence(self._state, estimate)
-        if NUMBERS.temper * shown >= -math.log(self._strict) or (told.others and not best.slides):
+        if NUMBERS.temper * shown >= -math.log(self._strict) or (told.others and not best.can_slide):
             return MatchOutcome("matched", best, [], "")
         return told
 
-    def undecided(self, made: list[tuple[Match, PoseEstimate]]) -> list[tuple[Match, PoseEstimate]]:
+    def undecided_matches(self, made: list[tuple[Match, PoseEstimate]]) -> list[tuple[Match, PoseEstimate]]:
         """Those for which there is as much evidence as for the best, as far as can be told."""
         return [
             (m, e) for m, e in made if not any(told_apart(self._state, other, e, self._strict) for _, other in made)
         ]
 
-    def places(self, own: PoseEstimate, others: list[PoseEstimate]) -> tuple[Place, ...]:
+    def possible_places(self, own: PoseEstimate, others: list[PoseEstimate]) -> tuple[Place, ...]:
         """Where the contacts may be by estimates that the outline does not tell apart, each place once; () if in one alone.
 
         By its outline one fits as well as the other, whatever noise says, so that the surface gives each its share.
@@ -304,13 +304,13 @@ class _Scene:
     def _rival_places(self, decision: Decision) -> tuple[Place, ...]:
         """Where else a decision that refuses has the contacts, if it knows."""
         own, rival = decision.estimate, decision.rival
-        if decision.accepted or own is None or rival is None or decision.rival_share <= decision.risk:
+        if decision.is_accepted or own is None or rival is None or decision.rival_share <= decision.risk:
             return ()
         return Place(own.contacts, decision.confidence, 0.0), Place(
             rival.contacts, decision.rival_share, self._relative_turn(own, rival)
         )
 
-    def pair(
+    def make_pair(
         self,
         decision: Decision,
         told: MatchOutcome,
@@ -362,7 +362,7 @@ class _Scene:
         own = self._refine_hypothesis(pose_hypothesis(self.target, name, carried))
         estimates = [*self._standing, *([] if own is None else [own])]
         decision = check_strategy_contacts(decide_single(self._state, estimates), contacts)
-        decision = decision.among(share)
+        decision = decision.among_several(share)
         estimate, reason, analysis = decision.estimate, _refusal_sentence(decision), None
         off = math.nan if estimate is None else max_contact_distance(contacts, estimate.contacts)
         try:
@@ -401,7 +401,7 @@ class _Scene:
 
 def _refusal_sentence(decision: Decision) -> str:
     """Why an answer is not believed; empty when it is."""
-    return "" if decision.accepted else Reason(decision.code, decision.figures).sentence
+    return "" if decision.is_accepted else StatusReason(decision.code, decision.figures).sentence
 
 
 def _shift_contour(contour: Contour, corner: Floats) -> Contour:
@@ -414,11 +414,11 @@ def _by_turn(made: list[tuple[Match, PoseEstimate]], outline: Sampled) -> list[t
     """What takes hardly more tilt than the least first, the smallest turn first; then the rest."""
     least = min(m.stretch for m, _ in made)
 
-    def order(each: tuple[Match, PoseEstimate]) -> tuple[bool, float]:
+    def turn_order(each: tuple[Match, PoseEstimate]) -> tuple[bool, float]:
         way = each[0]
         return way.stretch > HARDLY_MORE * least, abs(rotation_at(way.homography, *outline.centre.tolist()))
 
-    return sorted(made, key=order)
+    return sorted(made, key=turn_order)
 
 
 def _most_alike(found: list[Candidate], outline: Sampled) -> tuple[Candidate, list[Match]]:

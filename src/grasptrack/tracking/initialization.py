@@ -32,8 +32,9 @@ from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.segmenters import Segmenter
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.follower import AUTO
-from grasptrack.tracking.messages import Reason
-from grasptrack.tracking.numbers import DEFAULT_RISK
+from grasptrack.tracking.messages import StatusReason
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
+from grasptrack.tracking.pose import contact_tolerance
 from grasptrack.tracking.strategies import Carrier, carrier_for
 from grasptrack.transfer import strategy_named
 from grasptrack.typing import Floats
@@ -73,7 +74,7 @@ class Wish:
     before: View | None = None
     plane: Callable[[View], Floats] | None = None
 
-    def again(self, view: View, plane: Callable[[View], Floats]) -> Wish:
+    def for_another(self, view: View, plane: Callable[[View], Floats]) -> Wish:
         """Another grasp on the object that has this outline, chosen in its plane."""
         said = replace(self.said.of_no_object(), background=None)
         return replace(self, said=said, before=view, plane=plane)
@@ -87,12 +88,14 @@ class FirstView(NamedTuple):
         grasps: on it, in the order in which they are to be tried.
         reason: why there is no object or no grasp.
         found: all objects that were looked at, the most outstanding first.
+        doubt: probability that the outline is none of the object's; 0 where a person gave contacts or a mask.
     """
 
     candidate: Candidate | None
     grasps: list[Grasp]
-    reason: Reason
+    reason: StatusReason
     found: list[Candidate]
+    doubt: float = 0.0
 
 
 def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView:
@@ -107,14 +110,18 @@ def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView
         GraspError: given contacts that are not on an object, or a choice with another number of fingers.
     """
     try:
-        found = observer.first(replace(wish.said, masked=masked), None if masked else wish.segmenter)
+        found = observer.find_objects(replace(wish.said, masked=masked), None if masked else wish.segmenter)
     except ObservationError as error:
-        return FirstView(None, [], Reason("no-object", detail=str(error)), [])
+        return FirstView(None, [], StatusReason("no-object", detail=str(error)), [])
     candidate = _choose_candidate(found, wish)
     if candidate is None:
-        return FirstView(None, [], Reason("object-gone"), found)
+        return FirstView(None, [], StatusReason("object-gone"), found)
     chosen, why = _choose_grasps(candidate, found, wish)
-    return FirstView(candidate, chosen, Reason() if chosen else Reason("no-grasp", detail=why), found)
+    reason = StatusReason() if chosen else StatusReason("no-grasp", detail=why)
+    doubt = 0.0
+    if not masked and wish.said.grasp is None:
+        doubt = NUMBERS.misled if wish.said.is_settled else max(1.0 - candidate.probability, NUMBERS.misled)
+    return FirstView(candidate, chosen, reason, found, doubt)
 
 
 class FirstScene(NamedTuple):
@@ -139,7 +146,7 @@ class FirstScene(NamedTuple):
     before: Beforehand | None
 
 
-class Start(NamedTuple):
+class TrackingStart(NamedTuple):
     """How a grasp is begun to be followed.
 
     Attributes:
@@ -161,19 +168,20 @@ def start_tracking(
     time: float | None = None,
     risk: float = DEFAULT_RISK,
     before: Beforehand | None = None,
-) -> Start:
+) -> TrackingStart:
     """The first grasp of a first view that the strategy can carry, and what carries it; arguments as for `carrier_for`."""
     refusal = ""
     if first.candidate is None:
-        return Start(None, None, refusal)
+        return TrackingStart(None, None, refusal)
     for grasp in first.grasps:
         try:
             carrier = carrier_for(strategy, grasp, first.candidate.view, grey, time, observer, risk, before)
         except TransferError as error:
             refusal = refusal or str(error)
             continue
-        return Start(grasp, carrier, refusal)
-    return Start(None, None, refusal)
+        carrier.follower.state.sightings.doubt = first.doubt
+        return TrackingStart(grasp, carrier, refusal)
+    return TrackingStart(None, None, refusal)
 
 
 def image_size(image: NDArray[Any]) -> tuple[int, int]:
@@ -207,7 +215,7 @@ def _choose_candidate(found: list[Candidate], wish: Wish) -> Candidate | None:
 def _choose_grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> tuple[list[Grasp], str]:
     """Grasps on an object, and why there is none."""
     if wish.said.grasp is not None:
-        return [wish.said.grasp.snapped(candidate.view)], ""
+        return [_placed_grasp(wish.said.grasp, candidate.view, wish.strategy)], ""
     if wish.choose is not None:
         chosen = list(wish.choose(candidate.view))
         if any(len(grasp) != wish.fingers for grasp in chosen):
@@ -215,6 +223,20 @@ def _choose_grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> 
         return chosen, "the choice that was given made none"
     beside = [c.view for c in remove_nested([candidate, *found])[1:]]
     return synthesize_grasps(candidate.view, wish.strategy, wish.fingers, wish.friction, wish.hand, beside, wish.plane)
+
+
+def _placed_grasp(given: Grasp, view: View, strategy: str) -> Grasp:
+    """Given contacts on an outline, those of them that are only a little beside it.
+
+    Who gives a contact means a point of the object. A little beside the outline that is taken for the edge under the finger;
+    farther away the outline may be wrong there, as by a shadow, and the point stays. Strategies that tell contacts by the
+    outline alone cannot carry such a one.
+    """
+    snapped = given.snapped(view)
+    if strategy != AUTO:
+        return snapped
+    far = np.hypot(*(snapped.contacts - given.contacts).T) > 0.5 * contact_tolerance(view.outer.area, NUMBERS)
+    return Grasp.of(np.where(far[:, None], given.contacts, snapped.contacts), given.quality)
 
 
 def object_at_contacts(found: list[Candidate], grasp: Grasp) -> Candidate:

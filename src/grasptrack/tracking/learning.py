@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from grasptrack.tracking.decision import Decision
-from grasptrack.tracking.evidence import outline_surprisal
+from grasptrack.tracking.evidence import agreeing_share, contact_testimony, outline_surprisal
 from grasptrack.tracking.hypotheses import Predictions
 from grasptrack.tracking.pose import CONTINUOUS, Look, PoseEstimate, is_at, mean_point
 from grasptrack.tracking.state import SHORTEST_STEP, TrackState, nothing_visible
@@ -48,25 +48,35 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
         predictions: where it was expected.
     """
     target, numbers, steps = state.target, state.numbers, state.steps
-    way = float(np.linalg.norm(target.difference(state.last.G, e.G)))
+    way = float(np.linalg.norm(target.pose_difference(state.last.G, e.G)))
     new = min(1.0, way / (numbers.new_view * target.size)) if math.isfinite(way) else 1.0
+    state.alias = decision.alias
     _learn_motion(state, e, predictions)
-    rigid = state.shutter.follow(target, e.G, e.bend, steps)
-    px = math.sqrt(2.0 * float(((e.contacts - target.carried(state.last.G)) ** 2).mean()))
+    rigid = state.shutter.follow_pose(target, e.G, e.bend, steps)
+    px = math.sqrt(2.0 * float(((e.contacts - target.carried_contacts(state.last.G)) ** 2).mean()))
     moved = 0.0 if state.lost else px * target.size / math.sqrt(e.area) / max(steps, SHORTEST_STEP)
     state.moved = moved, state.moved[0]
+    if not state.lost:
+        state.stale.add(target.handle.repeats(state.last.levels, state.last.G, levels, e.G))
     state.last, state.visible, state.P = Look(levels, e.G), e.visible, e.P
     state.presence = _clamp(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
     state.expected, state.anchored, state.unseen, state.adrift, state.lost = e.G, True, 0.0, 0.0, 0
-    if not decision.accepted:  # where it is, is known only roughly
+    if decision.is_accepted or decision.code == "outline-open":
+        state.sightings.add(e.contacts, contact_testimony(state, e), state.passed_s, numbers)
+    else:
+        state.sightings.since_s += state.passed_s
+    if not decision.is_accepted:  # where it is, is known only roughly
         return
+    if state.sightings.have_moved(e.contacts, numbers).all():
+        state.shown_in += 1
+        state.shown = e.visible if state.shown_in == 1 else state.shown + (e.visible - state.shown) / state.shown_in
     state.exchanged, state.sighted, state.gone = False, None, False
     state.slope = math.sqrt(e.P[6, 6] + e.P[7, 7]) / (0.5 * target.size)
     state.located, state.light = state.last, e.light
-    if state.plane.learn(rigid, e.P):
+    if state.plane.learn_view(rigid, e.P):
         state.nuisance[1:], state.nuisance_covariance[1:, 1:] = state.plane.theta_and_covariance()
     _learn_thickness(state, e, new)
-    state.shutter.learn(e.readout, e.readout_variance, new)
+    state.shutter.learn_readout(e.readout, e.readout_variance, new)
     _learn_looks(state, e)
     if math.isfinite(e.edge_width):
         state.edge_width = e.edge_width
@@ -89,12 +99,13 @@ def lose(
         lookalike: the last look at it shows something just like it elsewhere.
     """
     state.lookalike = state.lookalike or lookalike
+    state.sightings.since_s += state.passed_s
     e, background = decision.estimate, predictions.background
     state.lost += 1
     seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > EXCHANGE_SEEN
     state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
     state.velocity, state.elsewhere, state.confirmed = None, 0.0, 0.0
-    state.shutter.lose()
+    state.shutter.forget_motion()
     # while something is followed that is more probably the object than another shape or surface, its place is known
     followed = decision.presence > FOLLOWED_PRESENCE and decision.probability_off < 0.5
     if e is not None and e.origin in CONTINUOUS and followed and decision.code in ("other-shape", "other-surface"):
@@ -106,7 +117,7 @@ def lose(
     # what shows its outline in its place has not left it, whatever else is wrong
     at_place = False
     if e is not None and decision.presence > FOLLOWED_PRESENCE:
-        at_place = is_at(e, mean_point(state.target.carried(state.expected)))
+        at_place = is_at(e, mean_point(state.target.carried_contacts(state.expected)))
     state.anchored = state.anchored and background is not None
     if background is not None and state.anchored:
         state.expected = background
@@ -128,22 +139,22 @@ def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predic
     """How it moves; how far even motion and rest on the background are off."""
     target, background = state.target, predictions.background
     if predictions.even is not None:
-        off = target.difference(predictions.even, estimate.G)
+        off = target.pose_difference(predictions.even, estimate.G)
         share = float(off**2 @ target.precision_of_motion) / len(off)
         if math.isfinite(share):
             state.moves += 1
-            state.agility = _clamp(_updated(state.agility, share, state.moves), LEAST_AGILITY, 1.0)
+            state.agility = _clamp(_updated_mean(state.agility, share, state.moves), LEAST_AGILITY, 1.0)
     if background is not None and not state.lost:
-        away = math.dist(estimate.middle, mean_point(target.carried(background)))
+        away = math.dist(estimate.middle, mean_point(target.carried_contacts(background)))
         share = away / math.sqrt(estimate.area) / state.numbers.travel
         state.wanders += 1
-        state.wander = _clamp(_updated(state.wander, share, state.wanders), LEAST_WANDER, 1.0)
-    velocity = target.difference(state.last.G, estimate.G) / max(state.steps, SHORTEST_STEP)
+        state.wander = _clamp(_updated_mean(state.wander, share, state.wanders), LEAST_WANDER, 1.0)
+    velocity = target.pose_difference(state.last.G, estimate.G) / max(state.steps, SHORTEST_STEP)
     state.velocity_P = state.P + estimate.P
     state.velocity = velocity if not state.lost and math.isfinite(float(velocity @ velocity)) else None
 
 
-def _updated(mean: float, value: float, count: int) -> float:
+def _updated_mean(mean: float, value: float, count: int) -> float:
     """A mean over the latest images, with the value of another one, the `count`-th."""
     return mean + (value - mean) * (1.0 / min(count, MEMORY))
 
@@ -171,6 +182,9 @@ def _learn_looks(state: TrackState, estimate: PoseEstimate) -> None:
     strange = outline_surprisal(estimate, state.numbers)
     state.strange += (strange - state.strange) * share
     state.confirmed = min(state.confirmed, strange)
+    agreeing = agreeing_share(estimate)
+    if math.isfinite(agreeing):
+        state.agreeing += (agreeing - state.agreeing) / state.accepted
     for usual, r in zip(state.usual, estimate.correlation, strict=True):
         if state.accepted == 1:
             # what passed for texture in the first image, as JPEG's noise, shows itself in the second

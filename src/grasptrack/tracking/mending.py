@@ -22,6 +22,7 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import LEAST_SPREAD
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.first_look import find_candidates
+from grasptrack.segmentation.silhouettes import SUBPIXEL_BITS
 from grasptrack.statistics import robust_sd
 from grasptrack.tracking.decision import Decision
 from grasptrack.tracking.estimator import estimate_pose
@@ -102,9 +103,9 @@ class _Trial(NamedTuple):
         seen, miss = float(np.mean(self.seen)), numbers.edge_missed
         edges = seen * math.log((1.0 - miss) / CHANCE) + (1.0 - seen) * math.log(miss / (1.0 - CHANCE))
         against = math.exp(-independent * edges) + numbers.share_occluded * math.exp(-self.looks)
-        return self.prior(numbers) / against
+        return self.prior_probability(numbers) / against
 
-    def prior(self, numbers: Numbers) -> float:
+    def prior_probability(self, numbers: Numbers) -> float:
         """Probability that a first image such as this one shows another outline."""
         return 1.0 if self.lit else numbers.misled
 
@@ -126,7 +127,7 @@ class Mender:
         self._trial: _Trial | None = None
         self.is_over = target.view.is_clipped or not len(target.points)
 
-    def look(self, state: TrackState, levels: list[Grey], decision: Decision) -> Mended | None:
+    def examine_image(self, state: TrackState, levels: list[Grey], decision: Decision) -> Mended | None:
         """What another image says of the first outline: another one, once it is surely that; not to be asked once it is over.
 
         Args:
@@ -151,12 +152,13 @@ class Mender:
         return None
 
     def _is_trusted(self, decision: Decision) -> bool:
-        """Whether the pose is the object's: as believed; or, where nothing was believed yet, whatever its shape is."""
-        if decision.accepted:
+        """Whether the pose is the object's: as believed; or, where nothing was believed yet, whatever its outline is."""
+        if decision.is_accepted:
             self._accepted += 1
             return True
         placed = decision.presence > FOLLOWED_PRESENCE and 2.0 * decision.sigma < decision.tolerance
-        return not self._accepted and decision.code == "other-shape" and placed
+        doubted = decision.code == "outline-open" or (not self._accepted and decision.code == "other-shape")
+        return doubted and placed
 
     def _longest_open(self) -> float:
         """The longest stretch of the first outline, as a share of sqrt(area), along which no later view showed its edge."""
@@ -189,7 +191,7 @@ class Mender:
         if gone.any() and self._agreed[gone].mean() > CHANCE:  # what was seen once was right
             return None
         sides = _Sides(first, shown, own, candidate.view)
-        looks = sides.looks(target.noise, target.numbers)
+        looks = sides.appearance_log_odds(target.noise, target.numbers)
         if not looks > 0.0:
             return None
         whole = grey.copy()
@@ -234,7 +236,7 @@ class Mender:
         numbers = self._target.numbers
         surface = texture_evidence(state, e)
         another = numbers.exchanged * max(numbers.same_surface, math.exp(-max(0.0, surface)))
-        return another / (another + trial.prior(numbers)) < numbers.risk
+        return another / (another + trial.prior_probability(numbers)) < numbers.risk
 
 
 class _Sides:
@@ -259,7 +261,7 @@ class _Sides:
         self._first, self._shown = first.astype(np.float64), shown.astype(np.float64)
         self._reach = max(2 * BESIDE, round(ROUND * math.sqrt(other.outer.area)))
 
-    def looks(self, noise: float, numbers: Numbers) -> float:
+    def appearance_log_odds(self, noise: float, numbers: Numbers) -> float:
         """Nats by which what they differ by looks like object or ground as the other one has them, rather than like something
         in front of both, which would not end where the first outline does; 0 where they do not differ.
 
@@ -368,5 +370,6 @@ def _shift_view(view: View, by: Floats) -> View:
 def _material_mask(view: View, shape: tuple[int, ...]) -> Grey:
     """(H, W) 1 on the material, else 0."""
     mask: Grey = np.zeros(shape[:2], np.uint8)
-    cv2.fillPoly(mask, [np.round(c.points * 16.0).astype(np.int32) for c in view.contours], (1,), shift=4)
+    corners = [np.round(c.points * 2.0**SUBPIXEL_BITS).astype(np.int32) for c in view.contours]
+    cv2.fillPoly(mask, corners, (1,), shift=SUBPIXEL_BITS)
     return mask

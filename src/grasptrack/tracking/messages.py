@@ -19,6 +19,8 @@ SENTENCES = {
     "uncertain": "what is seen does not fix every contact",
     "other-shape": "another shape: the outline differs from the object's",
     "other-surface": "another surface: the object does not show what it showed before",
+    "apart": "the edge under a contact lies elsewhere: it may not have moved with the rest of the object",
+    "outline-open": "no view since the first one shows the edge under a contact: it may lie beside the object",
     "ambiguous": "the outline fits itself in more than one way, and nothing tells them apart: ambiguous",
     "lookalike": "something just like the object was seen, and which of them this is cannot be told: ambiguous",
     # lost: of a strategy by itself
@@ -28,6 +30,8 @@ SENTENCES = {
     # lost: of a first view that was wrong
     "false-edge": "later views show no edge where the first one did: a contact lies beside the object",
     # tracked
+    "contact-unseen": "a contact has moved unseen for a while: that it moved with the rest is a guess",
+    "not-pinhole": "the views fit no camera with square pixels",
     "tilt-open": "no view has told yet how the object's plane is tilted",
     # unstable
     "not-closing": "",
@@ -41,13 +45,14 @@ FIGURES = {
     "sigma": "standard deviation {:.1f} px",
     "distance": "{:.1f} px off",
     "tolerance": "{:.1f} px would be wrong",
+    "aspect": "they fit pixels {:.2f} times as wide as high",
     "chance": "the chance that it closes is {:.0%}",
 }
 """How the figures are told that help a reader; others are left out."""
 
 
 @dataclass(frozen=True)
-class Reason:
+class StatusReason:
     """Why there is no grasp, why it is not located, or why it is not stable.
 
     Attributes:

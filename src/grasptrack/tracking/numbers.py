@@ -84,8 +84,15 @@ class Numbers:
     risk: float
     tolerance: float
     tolerance_px: float
+    untested: float
+    apart: float
+    apart_power: float
+    contradicted: float
+    witness_fails: float
+    unseen_s: float
+    unseen_px: float
 
-    def table(self) -> dict[str, float]:
+    def kernel_table(self) -> dict[str, float]:
         """By name, as the kernel takes them."""
         return asdict(self)
 
@@ -97,7 +104,7 @@ class Numbers:
         """
         return replace(self, risk=check_risk(risk))
 
-    def learning(self, risk: float) -> Numbers:
+    def for_learning(self, risk: float) -> Numbers:
         """The same for learning from images whose answers may be wrong with a probability below `risk`.
 
         What the user takes at a higher risk is given out, but teaches nothing: doubt must not become habit.

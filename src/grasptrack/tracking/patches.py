@@ -96,7 +96,7 @@ def self_similar_shifts(image: Grey, mask: Grey, noise: float, size: float, numb
     contrast = np.where(inside, (small - mean) / np.sqrt(variance + noise**2), 0.0)
     height, width = (2 * side for side in small.shape)
 
-    def laid(a: Floats, b: Floats) -> Floats:
+    def shifted_sum(a: Floats, b: Floats) -> Floats:
         """At (dy, dx), with the origin in the middle: the sum of a where b is, shifted by so much."""
         product = np.fft.irfft2(
             np.fft.rfft2(a, (height, width)).conj() * np.fft.rfft2(b, (height, width)), (height, width)
@@ -104,8 +104,10 @@ def self_similar_shifts(image: Grey, mask: Grey, noise: float, size: float, numb
         return np.asarray(np.fft.fftshift(product), dtype=np.float64)
 
     own, there = contrast**2, inside.astype(np.float64)
-    alike = laid(contrast, contrast) / np.sqrt(np.maximum(laid(own, there) * laid(there, own), 1e-6))
-    overlap = laid(there, there) / there.sum()
+    alike = shifted_sum(contrast, contrast) / np.sqrt(
+        np.maximum(shifted_sum(own, there) * shifted_sum(there, own), 1e-6)
+    )
+    overlap = shifted_sum(there, there) / there.sum()
     middle = np.array([height // 2, width // 2])
     peak = (alike > _as_likely(numbers)) & (overlap > MIN_OVERLAP) & (alike >= cv2.dilate(alike, np.ones((5, 5))))
     found = np.argwhere(peak) - middle

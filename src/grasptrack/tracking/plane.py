@@ -21,6 +21,8 @@ MOST_VIEWS = 16
 """Views that are kept; of more every other one is left out."""
 DOUBT = 0.1
 """Of theta: so far a pose may be from a view of the plane that is believed."""
+TINY = 1e-300
+"""Where a direction of length 0 is taken."""
 STEP = 1e-3
 """Of the differences that stand for derivatives, in units of theta."""
 
@@ -39,18 +41,21 @@ class Plane(PlaneSolver):
         target: what is followed.
         width, height: px of the image.
         before: what is known of theta beforehand; None where nothing is.
+
+    Attributes:
+        open_back, open_view: (m, 3, 3) `pixel_to_ray` and `in_view` of what the views leave open.
     """
 
     def __init__(self, target: Target, width: float, height: float, before: Beforehand | None = None) -> None:
-        super().__init__(target, width, height, before or Beforehand.usual(target.numbers))
+        super().__init__(target, width, height, before or Beforehand.of_unknown(target.numbers))
         self._last, self._way = target.A, NEW_SHAPE * target.size
         # entries of a homography are as small as px make them
         far = 1e3 / (self._width + self._height)
         self.steps = STEP * np.array([1.0, 1.0, 1.0 / far, 1.0, 1.0, 1.0 / far, far * 1e-3, far * 1e-3, 1.0])
         self.entries = np.eye(9).reshape(9, 3, 3) * self.steps[:, None, None]
-        self._believe(self.modes)
+        self._set_modes(self.modes)
 
-    def learn(self, G: Floats, P: Floats) -> bool:
+    def learn_view(self, G: Floats, P: Floats) -> bool:
         """What a view teaches in which the object was located: its pose and covariance (8, 8). Whether it was new."""
         shape = self._target.handle.difference(self._last, G)[2:]
         if not float(shape @ shape) > self._way**2:
@@ -59,35 +64,55 @@ class Plane(PlaneSolver):
         self._views.append(SeenPose(G, P * self._target.numbers.inflate**2))
         if len(self._views) > MOST_VIEWS:
             self._views, self._way = self._views[1::2], 2.0 * self._way
-        self._believe(self._solve_modes())
+        self._set_modes(self._solve_modes())
+        if self._learn_aspect():
+            self._set_modes(self._solve_modes())
         return True
 
-    def tilt(self, homography: Floats, covariance: Floats) -> Tilt:
+    @property
+    def is_squeezed(self) -> bool:
+        """Whether the views fit no camera with pixels as they were told, or square ones."""
+        return self.aspect != (self._before.aspect or 1.0)
+
+    def tilt_in(self, homography: Floats, covariance: Floats) -> Tilt:
         """Of the object's plane against the camera of a view.
 
         Args:
             homography: (3, 3) H_current_reference.
             covariance: (9, 9) of its entries, row by row.
         """
-        slopes, by_theta, by_entry = self._seen(homography)
-        spread = by_theta @ self._spread_of_open() @ by_theta.T + by_entry @ covariance @ by_entry.T
+        slopes, by_theta, by_entry = self._slopes_in_view(homography)
+        steep = math.hypot(*slopes.tolist())
+        u = slopes / steep if steep else np.array([1.0, 0.0])
+        across = np.array([-u[1], u[0]])
+        # of what is left about each explanation: rad by the slopes, along the steepest and across it
+        turns = np.array([u / (1.0 + steep**2), across / math.hypot(1.0, steep)])
+        by_focal = by_theta[:, :1] * math.sqrt(float(self.open.weights @ self.open.focal))
+        spread = turns @ (by_entry @ covariance @ by_entry.T + by_focal @ by_focal.T) @ turns.T
+        # of the explanations: how far the normal of each is turned from the most probable one's
+        seen = _normal_slopes(self.open_back @ homography @ self.open_view)
+        ahead = (seen @ slopes + 1.0) / math.hypot(1.0, steep)
+        aside = np.column_stack([(seen @ u - steep) / math.hypot(1.0, steep), seen @ across])
+        far = np.hypot(*aside.T)
+        ways = aside * (np.arctan2(far, ahead) / np.maximum(far, TINY))[:, None]
+        spread += (ways * self.open.weights[:, None]).T @ ways
         (a, b), (_, c) = spread.tolist()
         most = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
-        return Tilt(math.atan(math.hypot(*slopes.tolist())), math.sqrt(max(most, 0.0)))
+        return Tilt(math.atan(steep), math.sqrt(max(most, 0.0)))
 
-    def beforehand(self, homography: Floats, covariance: Floats) -> Beforehand:
-        """What all of this tells of the same plane to who takes a later view for the first one; arguments as of `tilt`.
+    def as_prior(self, homography: Floats, covariance: Floats) -> Beforehand:
+        """What all of this tells of the same plane to who takes a later view for the first one; arguments as of `tilt_in`.
 
         DOUBT is added: the view that will be the first is a later one.
         """
-        slopes, by_theta, by_entry = self._seen(homography)
+        slopes, by_theta, by_entry = self._slopes_in_view(homography)
         own, spread = self._spread_of_modes()
         J = np.vstack([[1.0, 0.0, 0.0], by_theta])
         C = J @ spread @ J.T
         C[1:, 1:] += by_entry @ covariance @ by_entry.T + DOUBT**2 * np.eye(2)
-        return Beforehand(np.array([own[0], *slopes]), C)
+        return Beforehand(np.array([own[0], *slopes]), C, aspect=self.aspect)
 
-    def _seen(self, homography: Floats) -> tuple[Floats, Floats, Floats]:
+    def _slopes_in_view(self, homography: Floats) -> tuple[Floats, Floats, Floats]:
         """(2,) slopes of the plane's normal in a view, and their derivatives (2, 3) by theta and (2, 9) by the homography."""
         # as believed, after a step of each number of theta, and of each entry
         seen = self._camera_back @ homography @ self._in_view
@@ -109,20 +134,15 @@ class Plane(PlaneSolver):
         spread = sum(m.probability * (m.covariance + np.outer(m.theta - own, m.theta - own)) for m in self.modes)
         return own, np.asarray(spread, dtype=np.float64)
 
-    def _spread_of_open(self) -> Floats:
-        """(3, 3) covariance of what is left open, about the most probable theta."""
-        off = self.open.thetas - self.modes[0].theta
-        spread = (off * self.open.weights[:, None]).T @ off
-        spread[0, 0] += float(self.open.weights @ self.open.focal)
-        return np.asarray(spread, dtype=np.float64)
-
-    def _believe(self, modes: tuple[Mode, ...]) -> None:
+    def _set_modes(self, modes: tuple[Mode, ...]) -> None:
         """What follows from the explanations, the most probable first."""
         self.modes, theta = modes, modes[0].theta
-        self._camera_back = self.rays(theta)
+        self._camera_back = self.pixel_to_ray(theta)
         steps = [theta, *(theta + STEP * np.eye(3))]
         self._in_view = np.array([self.in_view(t) for t in steps])
         self.open = self._left_open()
+        self.open_back = np.array([self.pixel_to_ray(each) for each in self.open.thetas])
+        self.open_view = np.array([self.in_view(each) for each in self.open.thetas])
         maps = np.array([self._rectifying_homography(each) for each in self.open.thetas])
         told = bool(self._views) or not math.isfinite(self._before.freedom)
         self.rectifications = Rectifications(self._rectifying_homography(theta), maps, self.open.weights, told)
@@ -151,7 +171,7 @@ UNKNOWN = Distance(math.nan, math.nan)
 """Where nobody said how long the object is."""
 
 
-class _Explained(NamedTuple):
+class _ModeSamples(NamedTuple):
     """For each theta that stands for what the views leave open.
 
     Attributes:
@@ -192,7 +212,7 @@ class Ruler:
         self._plane, self._middle, self._ends, self._length = plane, middle, ends, length
         self._modes: tuple[Mode, ...] = ()
 
-    def distance(self, homography: Floats, covariance: Floats) -> Distance:
+    def distance_in(self, homography: Floats, covariance: Floats) -> Distance:
         """In a view: along the line of sight.
 
         Args:
@@ -205,11 +225,11 @@ class Ruler:
         if self._modes is not self._plane.modes:
             self._modes, self._all = self._plane.modes, self._sample_modes()
         with np.errstate(all="ignore"):  # where no distance follows, none is told
-            mean, variance = self._moments(homography, covariance)
+            mean, variance = self._distance_moments(homography, covariance)
         known = 0.0 < mean < math.inf and 0.0 <= variance < math.inf
         return Distance(mean, math.sqrt(variance)) if known else UNKNOWN
 
-    def _moments(self, homography: Floats, covariance: Floats) -> tuple[float, float]:
+    def _distance_moments(self, homography: Floats, covariance: Floats) -> tuple[float, float]:
         """Mean and variance over what the views leave open; not finite where the homography has no such view."""
         weights, back, in_view, unit, focal = self._all
         ray = np.array([*self._middle, 1.0])
@@ -235,15 +255,14 @@ class Ruler:
         lengths = np.linalg.norm(axes[:, :, :2], axis=1)
         return np.asarray(unit * np.linalg.norm(ray, axis=1) / np.sqrt(lengths[:, 0] * lengths[:, 1]))
 
-    def _sample_modes(self) -> _Explained:
+    def _sample_modes(self) -> _ModeSamples:
         """By the plane as it is known now."""
         plane = self._plane
-        thetas, weights, focal = plane.open
-        in_view = np.array([plane.in_view(theta) for theta in thetas])
+        _, weights, focal = plane.open
+        in_view = plane.open_view
         extents = np.array([outline_extent(apply_homography(np.linalg.inv(H), plane.hull)) for H in in_view])
-        back = np.array([plane.rays(theta) for theta in thetas])
         self._off = math.sqrt(2.0) * self._ends / float(extents[0])
-        return _Explained(weights, back, in_view, self._length / extents, focal)
+        return _ModeSamples(weights, plane.open_back, in_view, self._length / extents, focal)
 
 
 def outline_extent(outline: Floats) -> float:

@@ -72,7 +72,7 @@ def is_at(estimate: PoseEstimate, place: tuple[float, float], share: float = SAM
 
 def lead_alike(target: Target, one: Hypothesis | PoseEstimate, other: Hypothesis | PoseEstimate) -> bool:
     """Whether one of two poses lies within the uncertainty of the other, so that both lead to the same answer."""
-    d = target.difference(other.G, one.G)
+    d = target.pose_difference(other.G, one.G)
     return bool(np.isfinite(d).all()) and min(float(d @ np.linalg.solve(P, d)) for P in (other.P, one.P)) < 1.0
 
 

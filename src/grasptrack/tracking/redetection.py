@@ -93,19 +93,19 @@ class Keypoints:
         self._enlarge = np.diag([2.0**level, 2.0**level, 1.0])
         mask = np.zeros_like(grey)
         cv2.fillPoly(mask, [np.round(target.view.outer.points / 2.0**level).astype(np.int32)], 255)
-        points, self._descriptors = self._detect(grey, as_grey(cv2.dilate(mask, np.ones((9, 9), np.uint8))))
+        points, self._descriptors = self._detect_keypoints(grey, as_grey(cv2.dilate(mask, np.ones((9, 9), np.uint8))))
         self._points = np.array([point.pt for point in points], np.float32)
 
-    def _detect(self, grey: Grey, mask: Grey | None = None) -> Any:
+    def _detect_keypoints(self, grey: Grey, mask: Grey | None = None) -> Any:
         """Keypoints of an image and their descriptions."""
         detector = cv2.ORB.create(MAX_KEYPOINTS >> self._level, fastThreshold=FAST_THRESHOLD)
         return detector.detectAndCompute(grey, mask)
 
-    def find(self, grey: Grey) -> Floats | None:
+    def find_pose(self, grey: Grey) -> Floats | None:
         """(3, 3) a pose on which enough keypoints of an image (H, W), at the same level, agree, or None."""
         if self._descriptors is None or len(self._descriptors) < MIN_KEYPOINTS:
             return None
-        points, descriptors = self._detect(grey)
+        points, descriptors = self._detect_keypoints(grey)
         if descriptors is None or len(points) < MIN_KEYPOINTS:
             return None
         pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(self._descriptors, descriptors, k=2)
@@ -171,7 +171,7 @@ class Outlines:
         self._observer = None if target.view.is_clipped else observer or _make_detector(grey, target.view, hidden)
         self._outline: Sampled | None = None  # made at the first loss
 
-    def find(self, grey: Grey, H: Floats, turn: int, *, thorough: bool) -> list[Floats]:
+    def find_poses(self, grey: Grey, H: Floats, turn: int, *, thorough: bool) -> list[Floats]:
         """(3, 3) each, the poses at which the outline lies on one of an image: all ways in which the best of them fits.
 
         Args:
@@ -190,10 +190,10 @@ class Outlines:
             x, y, w, h = shape.box
             if min(x, y, width - x - w, height - y - h) <= 0:
                 return math.inf
-            return _shape_difference(own, shape.ring(CHAIN_SAMPLES))
+            return _shape_difference(own, shape.boundary_points(CHAIN_SAMPLES))
 
         first = self._target.view.contours[0]
-        for views in self._observer.anywhere(grey, abs(kernels.seen_area(H, first.points)), turn, None, unlike):
+        for views in self._observer.views_anywhere(grey, abs(kernels.seen_area(H, first.points)), turn, None, unlike):
             told = [
                 (judge_hypotheses(match_outlines(own, view, thorough=False)), view)
                 for view in views
@@ -214,7 +214,7 @@ class Outlines:
 def _match_homographies(told: MatchOutcome, outline: Contour, last: Contour, H: Floats) -> list[Floats]:
     """(3, 3) each, first image -> image: the ways in which the object lies on an outline, `last` being where H had it."""
     assert told.best is not None
-    if not told.best.slides or told.others:
+    if not told.best.can_slide or told.others:
         return [m.homography for m in (told.best, *told.others)]
     found = [as_similarity(fit, last, outline) @ H for fit in find_alignments(last, outline)]
     return found or [told.best.homography]
@@ -233,8 +233,8 @@ def _make_detector(grey: Grey, view: View, hidden: Grey | None) -> OutlineDetect
     if not (outside - inside) * polarity > 0.0:
         return None
     observer = OutlineDetector(hidden)
-    observer.look(grey)
-    observer.choose(Candidate(view, polarity, inside, outside))
+    observer.set_image(grey)
+    observer.choose_object(Candidate(view, polarity, inside, outside))
     return observer
 
 
@@ -281,7 +281,7 @@ class Redetection:
         strength = kernels.search_along_normals(levels[0], at, normals, SIDE_REACH, 0)[:, 1] if len(at) else np.zeros(0)
         self._strength = np.asarray(strength, dtype=np.float64)
 
-    def search(self, state: TrackState, levels: list[Grey]) -> list[Hypothesis]:
+    def search_image(self, state: TrackState, levels: list[Grey]) -> list[Hypothesis]:
         """Hypotheses that continuity did not give, worth solving, the most promising first.
 
         What was sighted in the image before, and outlines by the learned grey levels, cost little and are looked at in each
@@ -289,22 +289,22 @@ class Redetection:
         image after a loss, which gets both of the former: they find most.
         """
         target, turn, wide = self._target, state.lost, wide_prior(self._target)
-        found = self.promising(levels, self.matched(state.located, levels, turn, thorough=turn % 3 == 2), MAX_WAYS)
+        found = self.promising(levels, self.matches_in(state.located, levels, turn, thorough=turn % 3 == 2), MAX_WAYS)
         others = [] if state.sighted is None else [Hypothesis("sighted", state.sighted, wide)]
         if turn % 3 == 0:
             others += [Hypothesis("shifted", G, wide) for G in shifted_looks(target, state.located, levels)]
         if turn % 3 == 1 or not turn:
-            G = self._keypoints.find(levels[self._level])
+            G = self._keypoints.find_pose(levels[self._level])
             if G is not None:
                 others.append(Hypothesis("keypoints", G, wide))
         return found + self.promising(levels, [h for h in others if not self._is_known(h, found)])
 
-    def matched(self, look: Look, levels: list[Grey], turn: int = 0, *, thorough: bool = True) -> list[Hypothesis]:
-        """All ways in which the outline lies on those of an image, given the last look at the object (see `Outlines.find`)."""
-        poses = self._outlines.find(levels[0], self._target.homography(look.G), turn, thorough=thorough)
+    def matches_in(self, look: Look, levels: list[Grey], turn: int = 0, *, thorough: bool = True) -> list[Hypothesis]:
+        """All ways in which the outline lies on those of an image, given the last look at the object: `Outlines.find_poses`."""
+        poses = self._outlines.find_poses(levels[0], self._target.homography(look.G), turn, thorough=thorough)
         return [Hypothesis(MATCHED, G, wide_prior(self._target)) for G in poses]
 
-    def rivals(self, look: Look, *, thorough: bool) -> list[Hypothesis]:
+    def find_lookalikes(self, look: Look, *, thorough: bool) -> list[Hypothesis]:
         """Where a look at the object may show something just like it elsewhere; its own place may be among them.
 
         If `thorough`, all outlines in it are looked at as well.
@@ -312,23 +312,23 @@ class Redetection:
         wide = wide_prior(self._target)
         places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self._target, look, look.levels)]
         if thorough:
-            places += self.matched(look, look.levels)
+            places += self.matches_in(look, look.levels)
         return self.promising(look.levels, places, len(places))
 
     def promising(self, levels: list[Grey], hypotheses: list[Hypothesis], most: int = MAX_SOLVED) -> list[Hypothesis]:
         """Those that are worth solving: of what shows enough of the outline the best, each place once."""
-        rated = sorted(((-self.seen(levels[0], h.G), i) for i, h in enumerate(hypotheses)))
+        rated = sorted(((-self.edge_share(levels[0], h.G), i) for i, h in enumerate(hypotheses)))
         kept: list[Hypothesis] = []
         for score, i in rated:
             if -score >= MIN_SEEN and len(kept) < most and not self._is_known(hypotheses[i], kept):
                 kept.append(hypotheses[i])
         return kept
 
-    def continued(self, levels: list[Grey], hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    def worth_solving(self, levels: list[Grey], hypotheses: list[Hypothesis]) -> list[Hypothesis]:
         """Of hypotheses of continuity after a loss those that are worth solving, and the first in any case."""
         return self.promising(levels, hypotheses) or hypotheses[:1]
 
-    def seen(self, grey: Grey, G: Floats) -> float:
+    def edge_share(self, grey: Grey, G: Floats) -> float:
         """Share of the outline at a pose (3, 3) that has an edge of its sign nearby in an image (H, W), quickly."""
         area = sane_area(self._target, G)
         if not len(self._points) or not area:

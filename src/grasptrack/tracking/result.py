@@ -32,10 +32,13 @@ class TrackResult:
         grasp_id: number of the grasp, from 1; None before there is one.
         contacts: (k, 2) px in the order of the grasp; None unless tracked or unstable.
         seen: (k,) 0 to 1, how much of the outline at each contact was observed; None with the contacts.
+        edge: 0 to 1, the share of the whole outline whose own edge was observed; NaN without contacts.
+        surface: 0 to 1, the share of the surface's patches that agree with the answer; 0 of a plain one, NaN without contacts.
         analysis: the grasp's analysis, in the object's own plane; None with the contacts.
         confidence: 0 to 1, the complement of the probability that a contact is off by more than 3 px and 4 % of sqrt(area), or
             on another object. Lost frames tell that of the best guess, which was not sure enough to be given: at most 1 - risk,
-            and 0 where there is none. 1 in the first view, by definition.
+            and 0 where there is none. Never beyond what runs of scenes have shown (`untested` in docs/tables/numbers.md); 1 in
+            the first view, by definition.
         chance: probability, 0 to 1, that the grasp closes although the contacts may be off by their covariance, the least that
             it is (`closing.chance_of_closing`), and the object's plane tilted otherwise; NaN where no covariance is known.
         homography: (3, 3) H_current_reference where the transfer gives one.
@@ -55,8 +58,12 @@ class TrackResult:
             stands on the mended outline; else 0.
         reason_code: the reason in one word, see `messages.SENTENCES`; empty with the reason.
         notice: what is to be known of a tracked frame, in one word: "tilt-open" where no view has told yet how the object's
-            plane is tilted, and whether the grasp closes depends on it; else empty.
-        object_sure: the choice of the object in the first view is sure, or a person said which is meant.
+            plane is tilted, and whether the grasp closes depends on it; "contact-unseen" where neither the outline at a contact
+            nor the surface beside it was seen for half a second in which the object moved; "not-pinhole" where the views fit
+            pixels that are not square; else empty.
+        object_sure: the choice of the object in the first view is sure, or a person took its outline, its contacts or a
+            candidate; a pixel or a box says where it is, not which outline it has.
+        object_probability: 0 to 1, of the outline that was chosen in the first view; NaN where no choice was made.
         repeated: the image has the very pixels of the one before: a camera that hangs gives its last image again, and such an
             answer is no news of the scene.
     """
@@ -88,6 +95,9 @@ class TrackResult:
     mended: float = 0.0
     notice: str = ""
     object_sure: bool = True
+    object_probability: float = math.nan
+    edge: float = math.nan
+    surface: float = math.nan
     repeated: bool = False
 
     def __repr__(self) -> str:

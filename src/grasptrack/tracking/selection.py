@@ -51,6 +51,8 @@ MAX_CORNERS = 80
 """Places at which a look is laid on the next image, at most."""
 MARGIN, MARGIN_PX = 0.2, 12.0
 """Share of sqrt(area), and work px, of the first view that are kept round the object."""
+RING_BEYOND = 0.5
+"""Image sizes beyond the border of the first image up to which the ground is looked for."""
 RING_PLACES = 7.0
 """Places along the side of the first view, at which the background is looked at."""
 ROUND_TURNS = 12
@@ -72,7 +74,7 @@ LEVEL_SPREADS = 3.0
 """Spreads within which a cell has the level of a side."""
 
 
-class Frame(NamedTuple):
+class WorkFrame(NamedTuple):
     """Work px of a first view: their map (3, 3) to its own, width and height, the middle (2,) and sqrt(area) of the object."""
 
     A: Floats
@@ -81,7 +83,7 @@ class Frame(NamedTuple):
     size: float
 
 
-def frame_about(view: View, numbers: Numbers) -> Frame:
+def frame_about(view: View, numbers: Numbers) -> WorkFrame:
     """Work px about an outline of the first view."""
     outer = view.outer.points
     length = math.sqrt(view.outer.area)
@@ -91,7 +93,7 @@ def frame_about(view: View, numbers: Numbers) -> Frame:
     low, high = np.floor(outer.min(axis=0) - margin), outer.max(axis=0) + margin
     width, height = (int(v) for v in np.ceil((high - low) * s))
     A = np.array([[1.0 / s, 0.0, low[0]], [0.0, 1.0 / s, low[1]], [0.0, 0.0, 1.0]])
-    return Frame(A, (width, height), ((outer - low) * s).mean(axis=0), length * s)
+    return WorkFrame(A, (width, height), ((outer - low) * s).mean(axis=0), length * s)
 
 
 def make_target(
@@ -111,7 +113,7 @@ def make_target(
         hidden: (H, W) nonzero where no image shows anything of the scene.
         like: a target of the same view, whose work px and camera's noise hold on, so that poses mean what they meant.
     """
-    frame = frame_about(view, numbers) if like is None else Frame(like.A, like.crop, like.centre, like.size)
+    frame = frame_about(view, numbers) if like is None else WorkFrame(like.A, like.crop, like.centre, like.size)
     A, (width, height), size = frame.A, frame.crop, frame.size
     s, low = 1.0 / A[0, 0], A[:2, 2]
     image = rectify_image(levels, A, (width, height))
@@ -128,7 +130,7 @@ def make_target(
     surface = surface_samples(surface_mask)
     work_contacts = (contacts - low) * s
     arguments = (
-        numbers.table(),
+        numbers.kernel_table(),
         A,
         np.ascontiguousarray(frame.centre),
         size / 2.0,
@@ -145,7 +147,7 @@ def make_target(
         *_region_cells(image, mask, points, normals, size),
     )
     recipe = Recipe(arguments, hidden_levels(hidden) if hidden is not None and hidden.any() else None)
-    target = recipe.build()
+    target = recipe.build_target()
     counts = []
     stride, reduced, count = 1, image, MAX_PATCHES
     while stride == 1 or stride <= size / PATCHES_ACROSS:
@@ -280,18 +282,18 @@ def _sample_outline(contours: list[tuple[Floats, bool, Any]]) -> _Samples:
         even = np.vstack([smooth, smooth[:1]])
         arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
 
-        def at(t: Floats, points: Floats, arc: Floats = arc) -> Floats:
+        def point_at(t: Floats, points: Floats, arc: Floats = arc) -> Floats:
             t = t % arc[-1]
             return np.column_stack([np.interp(t, arc, points[:, 0]), np.interp(t, arc, points[:, 1])])
 
         t = np.linspace(0.0, arc[-1], max(MIN_CONTOUR_SAMPLES, round(length / spacing)), endpoint=False)
-        chord = at(t + SPACING, even) - at(t - SPACING, even)
+        chord = point_at(t + SPACING, even) - point_at(t - SPACING, even)
         chord /= np.hypot(*chord.T)[:, None] + 1e-9
         keep = np.ones(len(t), dtype=bool)
         if clipped is not None:
             nearest = np.clip(np.searchsorted(arc, t), 0, len(p) - 1)
             keep = ~clipped[nearest]
-        points.append(at(t, closed)[keep])
+        points.append(point_at(t, closed)[keep])
         normals.append(np.column_stack([chord[:, 1], -chord[:, 0]])[keep])
     if not points:
         return _Samples(np.zeros((0, 2)), np.zeros((0, 2)), noise)
@@ -320,14 +322,14 @@ def _region_cells(
     depth = FIRST_CELL + (last - FIRST_CELL) * np.linspace(0.0, 1.0, REGION_CELLS) ** CELL_POWER
     height, width = mask.shape
 
-    def cell(signed: Floats, values: Grey) -> Floats:
+    def grey_at(signed: Floats, values: Grey) -> Floats:
         at = points[:, None] + signed[None, :, None] * normals[:, None]
         x, y = (np.clip(np.round(at[..., k]).astype(int), 0, limit - 1) for k, limit in ((0, width), (1, height)))
         return np.asarray(values[y, x], dtype=np.float64)
 
     smooth, square = as_grey(cv2.blur(image, (3, 3))), np.ones((3, 3), np.uint8)
-    inside = np.where(cell(-depth, as_grey(cv2.erode(mask, square))) > 0, cell(-depth, smooth), np.nan)
-    outside = np.where(cell(depth, as_grey(cv2.dilate(mask, square))) == 0, cell(depth, smooth), np.nan)
+    inside = np.where(grey_at(-depth, as_grey(cv2.erode(mask, square))) > 0, grey_at(-depth, smooth), np.nan)
+    outside = np.where(grey_at(depth, as_grey(cv2.dilate(mask, square))) == 0, grey_at(depth, smooth), np.nan)
     # what looked like the other side from the first tells of no notch and no tab
     own, ground = _level_along(inside), _level_along(outside)
     inside = np.where(np.abs(inside - ground[0][:, None]) < ground[1][:, None], np.nan, inside)
@@ -352,7 +354,7 @@ def _background_ring_points(mask: Grey) -> Floats:
     """(n, 2) work px: a grid round the object, as far as the image of the first view is wide."""
     height, width = mask.shape
     step = max(PATCH_SIDE, math.sqrt(width * height) / RING_PLACES)
-    x, y = np.meshgrid(np.arange(-0.5 * width, 1.5 * width, step), np.arange(-0.5 * height, 1.5 * height, step))
+    x, y = np.meshgrid(*(np.arange(-RING_BEYOND * side, (1.0 + RING_BEYOND) * side, step) for side in (width, height)))
     places = np.column_stack([x.ravel(), y.ravel()])
     reach = 2 * PATCH_SIDE + 1
     grown = cv2.dilate(

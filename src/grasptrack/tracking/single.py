@@ -46,16 +46,16 @@ def single_estimate(state: TrackState, levels: list[Grey], hypothesis: Hypothesi
     """
     target, numbers = state.target, state.numbers
 
-    def solved(G: Floats, P: Floats, reach: float = 0.0) -> list[PoseEstimate]:
+    def solve_from(G: Floats, P: Floats, reach: float = 0.0) -> list[PoseEstimate]:
         # between two images without a time nothing moved while it was exposed
         trial = Hypothesis(hypothesis.origin, G, P, reach)
         found = estimate_pose(state, levels, trial, again=reach > 0.0, still=True)
         return [] if found is None else [found]
 
-    found = [e for share in (1.0, numbers.predicted) for e in solved(hypothesis.G, hypothesis.P * share**2)]
+    found = [e for share in (1.0, numbers.predicted) for e in solve_from(hypothesis.G, hypothesis.P * share**2)]
     for e in found[:]:
         if e.elsewhere > numbers.elsewhere:
-            found += solved(e.G, e.P + target.noise_of_guess, numbers.wide * target.size)
+            found += solve_from(e.G, e.P + target.noise_of_guess, numbers.wide * target.size)
     return max(found, key=lambda e: pose_evidence(state, e), default=None)
 
 

@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from grasptrack.kernels.results import RepeatedPatches
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.plane import Plane
 from grasptrack.tracking.pose import Look
 from grasptrack.tracking.target import Grey, Target
-from grasptrack.typing import Floats
+from grasptrack.typing import Bools, Floats
 
 NO_BEND: Floats = np.zeros((3, 8))
 """The bend of what does not move, or of what moves in an unknown way."""
@@ -53,9 +54,9 @@ class Shutter:
         self._velocity: Floats | None = None
         self._first: Floats | None = None
         self._information, self._views, self._sums = 0.0, 0, (0.0, 0.0, 0.0)
-        self.readout = self._believed()
+        self.readout = self._believed_readout()
 
-    def bend(self, target: Target, G: Floats, steps: float) -> Floats:
+    def bend_about(self, target: Target, G: Floats, steps: float) -> Floats:
         """(3, 8) where places are seen beside the pose, for a readout of 1, as `kernels.PoseTarget.solve` takes it.
 
         The pose is the homography that carries the contacts exactly, up to four of them, and the outline as well as it can.
@@ -65,36 +66,36 @@ class Shutter:
             G: (3, 3) the pose through which it is seen, roughly.
             steps: time since the last image in usual intervals.
         """
-        velocity = self._speed(target, target.handle.moved(G, self.readout.share * self.shown[0]), steps)
+        velocity = self._pose_change(target, target.handle.moved(G, self.readout.share * self.shown[0]), steps)
         if velocity is None:
             return NO_BEND
         first = velocity if self._first is None else self._first
         if self._velocity is not None:  # between two images it is that in the middle of them, and goes on changing
             velocity = velocity + (velocity - self._velocity) * (steps / (steps + 1.0))
-        bend = np.outer(self._rows(target, G), velocity) - np.outer(self._rows(target, target.A), first)
+        bend = np.outer(self._row_shares(target, G), velocity) - np.outer(self._row_shares(target, target.A), first)
         bend[0] = -(target.error_of_bend @ bend[1:].ravel())
         return bend
 
-    def follow(self, target: Target, G: Floats, bend: Floats, steps: float) -> Floats:
+    def follow_pose(self, target: Target, G: Floats, bend: Floats, steps: float) -> Floats:
         """Where the object was found: its pose (3, 3), and the bend (3, 8) of that.
 
         Returns:
             (3, 3) the pose in which it would be seen if all rows were exposed at once.
         """
         rigid = np.asarray(target.handle.moved(G, self.readout.share * bend[0]), dtype=np.float64)
-        self._velocity = self._speed(target, rigid, steps)
+        self._velocity = self._pose_change(target, rigid, steps)
         self._rigid, self.shown = rigid, bend
         if self._first is None:
             self._first = self._velocity
         return rigid
 
-    def lose(self) -> None:
+    def forget_motion(self) -> None:
         """It was not found: how it moves is not known."""
         self._rigid, self._velocity, self.shown = np.full((3, 3), math.nan), None, NO_BEND
         if self._first is None:
             self._first = np.zeros(8)
 
-    def learn(self, share: float, variance: float, new: float) -> None:
+    def learn_readout(self, share: float, variance: float, new: float) -> None:
         """What an image tells of the readout, of which the share `new` (0 to 1) is new: near views err alike.
 
         The mean is that of all images. What is known of it is the better of what was known and what is told, and of the other
@@ -107,9 +108,9 @@ class Shutter:
         self._views += 1
         weight, first, second = self._sums
         self._sums = weight + told, first + told * share, second + told * share**2
-        self.readout = self._believed()
+        self.readout = self._believed_readout()
 
-    def _believed(self) -> Readout:
+    def _believed_readout(self) -> Readout:
         prior, rolling = self._numbers.readout_sd**2, self._numbers.rolling
         if not self._views:
             return Readout(0.0, rolling * prior)
@@ -123,12 +124,12 @@ class Shutter:
         some = 1.0 / (1.0 + math.exp(min(-odds, MAX_LOG_ODDS)))
         return Readout(some * mean, some * (variance + mean**2) - (some * mean) ** 2)
 
-    def _speed(self, target: Target, rigid: Floats, steps: float) -> Floats | None:
+    def _pose_change(self, target: Target, rigid: Floats, steps: float) -> Floats | None:
         """(8,) the pose's change in a usual interval; None where it is not known."""
         velocity: Floats = target.handle.difference(self._rigid, rigid) / max(steps, SHORTEST_STEP)
         return velocity if math.isfinite(float(velocity @ velocity)) else None
 
-    def _rows(self, target: Target, G: Floats) -> tuple[float, float, float]:
+    def _row_shares(self, target: Target, G: Floats) -> tuple[float, float, float]:
         """0, and the share of the image's rows by which places lie lower, at the middle, half a size to the right, and down."""
         _, (a, b, c), (d, e, f) = G.tolist()
         x, y = target.centre.tolist()
@@ -137,6 +138,71 @@ class Shutter:
         return 0.0, (a - row * d) * unit, (b - row * e) * unit
 
 
+STALE_PRIOR, STALE_MEMORY = 10.0, 0.9
+"""Grey levels^2 that count for new before the first image, and share of what is known that is left an image later."""
+FRAME_S = 1.0 / 30.0
+"""s between images whose times are not told."""
+
+
+@dataclass
+class ContactSightings:
+    """When each contact was last seen itself, by the outline under the finger or the surface beside it.
+
+    Attributes:
+        places: (k, 2) px where it was then.
+        since_s: (k,) s that have passed since.
+        first: (k, 2) px where it was in the first view.
+        open: (k,) no view in which it had moved has shown it yet.
+        doubt: probability that the first outline is another object's; 0 where a person gave the contacts.
+    """
+
+    places: Floats
+    since_s: Floats
+    first: Floats
+    open: Bools
+    doubt: float = 0.0
+
+    def add(self, contacts: Floats, testified: Floats, seconds: float, numbers: Numbers) -> None:
+        """An answer, `seconds` after the last image, in which each contact (k, 2) px was seen by a share (k,)."""
+        self.since_s += seconds
+        own = testified >= SEEN
+        self.places[own], self.since_s[own] = contacts[own], 0.0
+        self.open &= ~(own & self.have_moved(contacts, numbers))
+
+    def have_moved(self, contacts: Floats, numbers: Numbers) -> Bools:
+        """(k,) which contacts (k, 2) px have left their places of the first view: what stands there has not."""
+        return np.asarray(np.hypot(*(contacts - self.first).T) >= numbers.unseen_px, dtype=np.bool_)
+
+    def are_stale(self, contacts: Floats, numbers: Numbers) -> bool:
+        """Whether a contact has moved unseen for long: that it still moves with the rest is a guess."""
+        moved = np.hypot(*(contacts - self.places).T) >= numbers.unseen_px
+        return bool((moved & (self.since_s >= numbers.unseen_s)).any())
+
+
+@dataclass
+class StaleSurface:
+    """How far the surface lags behind, as far as a video's encoder leaves it as it was.
+
+    Attributes:
+        change, way: sums of late of what images show, as `kernels.results.RepeatedPatches`.
+    """
+
+    change: float = STALE_PRIOR
+    way: float = 0.0
+
+    def add(self, seen: RepeatedPatches) -> None:
+        """What the last image shows of it."""
+        self.change = STALE_PRIOR + STALE_MEMORY * (self.change - STALE_PRIOR) + seen.change
+        self.way = STALE_MEMORY * self.way + seen.way
+
+    @property
+    def variance(self) -> float:
+        """Of that, work px^2, by what each patch tells of the motion: patches that lag lag together."""
+        return self.way / self.change
+
+
+SEEN = 0.5
+"""Share of the outline under a finger, or of the surface beside it, from which on a contact is seen."""
 FIRST_SPREAD = 12.0
 """Grey levels, the inner spread before an image has told it."""
 
@@ -172,12 +238,18 @@ class TrackState:
         moved: work px that a contact moved in a usual interval, root mean square, in the last image and in the one before: a
             jump is no speed; 0 where that is not known.
         presence: probability that the object is there.
+        sightings: of the contacts.
+        stale: how much of the surface is not seen anew.
+        shown: (N,) 0 to 1: how much of each sample of the outline accepted images showed on average, once the object had moved.
+        shown_in: so many of them.
         steps: time from the last image but one to the last, or to the one that is looked at, in usual intervals.
+        passed_s: the same in s.
         inner_spread: grey levels, see `Numbers.other_spread`.
         blur: work px, half of what blurred most edges of late.
         light: gain and bias of the surface there, from the first view on.
         lost: images since it was located; accepted: images in which it was.
         strange: usual strangeness of the outline: edges that no light shows, or not where the first view had them.
+        agreeing: share of the surface's patches that agreed, on average of all accepted images.
         elsewhere: share of the outline whose edge lies elsewhere although a second solution was tried.
         confirmed: strangeness of the last image, if other hypotheses led to the same answer there.
         agility: mean square by which even motion was off of late, in process noise; moves: how often that was measured.
@@ -190,6 +262,8 @@ class TrackState:
         gone: since it was located its place was seen without it.
         exchanged: the last image showed something else in its place.
         lookalike: something just like it was seen elsewhere; beside: the same, while it was seen in its place itself.
+        equals: (n, 2) work px from the object's middle to those of what is just like it in the first view.
+        alias: probability that one of them has been followed since.
         sighted: (3, 3) where something like it was seen in the last image, but not believed to be it; None where nothing was.
     """
 
@@ -202,24 +276,30 @@ class TrackState:
     nuisance: Floats
     nuisance_covariance: Floats
     plane: Plane
+    sightings: ContactSightings
     sides: float
     edge_width: float
     blur_share: float
     usual: list[Floats]
     time: float | None
     interval: float | None = None
+    stale: StaleSurface = field(default_factory=StaleSurface)
+    shown: Floats = field(default_factory=nothing_visible)
+    shown_in: int = 0
     visible: Floats = field(default_factory=nothing_visible)
     velocity: Floats | None = None
     velocity_P: Floats = field(default_factory=lambda: np.zeros((8, 8)))
     moved: tuple[float, float] = (0.0, 0.0)
     presence: float = 1.0 - 1e-6
     steps: float = 1.0
+    passed_s: float = FRAME_S
     inner_spread: float = FIRST_SPREAD
     blur: float = 0.0
     light: tuple[float, float] = (1.0, 0.0)
     lost: int = 0
     accepted: int = 0
     strange: float = 0.0
+    agreeing: float = 1.0
     elsewhere: float = 0.0
     confirmed: float = 0.0
     agility: float = 1.0
@@ -234,6 +314,8 @@ class TrackState:
     exchanged: bool = False
     lookalike: bool = False
     beside: bool = False
+    equals: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    alias: float = 0.0
     sighted: Floats | None = None
 
     @property
@@ -241,20 +323,27 @@ class TrackState:
         """The core's."""
         return self.target.numbers
 
+    @property
+    def surface_lag(self) -> Floats:
+        """(8,) variances of the pose's error that the surface's patches share."""
+        numbers, target = self.numbers, self.target
+        share = self.stale.variance / (numbers.drift * target.size) ** 2
+        return np.asarray(np.diagonal(target.noise_of_motion) * share, dtype=np.float64)
+
     def advance(self, time: float | None) -> None:
         """The next image was taken at a time in s: `steps` usual intervals after the last one, 1 where times are not told."""
-        self.steps = 1.0
+        self.steps, self.passed_s = 1.0, FRAME_S
         if time is not None and self.time is not None and time > self.time:
             passed = time - self.time
             self.interval = passed if self.interval is None else min(self.interval, passed)
             self.time = time
-            self.steps = passed / self.interval
+            self.steps, self.passed_s = passed / self.interval, passed
 
-    def bend(self, levels: list[Grey], G: Floats) -> Floats:
+    def shutter_bend(self, levels: list[Grey], G: Floats) -> Floats:
         """(3, 8) how a rolling shutter bends the object in the image of this pyramid, seen about a pose (3, 3)."""
         if levels is self.last.levels:  # it was found there
             return self.shutter.shown
-        return self.shutter.bend(self.target, G, self.steps)
+        return self.shutter.bend_about(self.target, G, self.steps)
 
     def note_lookalike(self, *, anywhere: bool = False) -> None:
         """An image shows the object where it was, and something just like it elsewhere, or anywhere in the first image."""
@@ -263,8 +352,9 @@ class TrackState:
         else:
             self.beside = True
 
-    def mend(self, target: Target, usual: list[Floats]) -> None:
+    def replace_outline(self, target: Target, usual: list[Floats]) -> None:
         """The first view has another outline: what was strange of the old one is so no more; `usual` is of its patches."""
         self.target, self.usual, self.exchanged, self.visible = target, usual, False, nothing_visible()
+        self.shown, self.shown_in = nothing_visible(), 0
         self.strange = self.elsewhere = self.confirmed = 0.0
-        self.plane.mend(target)
+        self.plane.replace_outline(target)

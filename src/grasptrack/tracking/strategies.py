@@ -19,8 +19,8 @@ from grasptrack.images import Grey
 from grasptrack.segmentation.outline_detector import MAX_TRIED, OutlineDetector
 from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.camera import Beforehand
-from grasptrack.tracking.follower import AUTO, Follower, Moved, Proposal, Registration
-from grasptrack.tracking.messages import Reason
+from grasptrack.tracking.follower import AUTO, Follower, Moved, Registration, StrategyProposal
+from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.pose import Hypothesis
 from grasptrack.tracking.redetection import wide_prior
@@ -200,33 +200,35 @@ class Alone:
 
     def move(self, grey: Grey, time: float | None) -> Moved:
         """See Carrier."""
-        tried: list[Proposal] = []
+        tried: list[StrategyProposal] = []
         refused: list[str] = []
         decision, chosen = self.follower.judge(grey, time, lambda G: self._propose_transfers(grey, G, tried, refused))
         if chosen is None:  # of its contacts nothing can be said
             self._missed += 1
             decision = replace(decision, probability_off=1.0, doubt=decision.code or "no-transfer")
-            why = Reason(decision.doubt, decision.figures)
-            return Moved(decision, reason=why if tried or not refused else Reason("no-transfer", detail=refused[0]))
-        if decision.accepted:
+            why = StatusReason(decision.doubt, decision.figures)
+            return Moved(
+                decision, reason=why if tried or not refused else StatusReason("no-transfer", detail=refused[0])
+            )
+        if decision.is_accepted:
             self._missed = 0
-            self._observer.believe(chosen.view)
+            self._observer.learn_levels(chosen.view)
         else:
             self._missed += 1
-        answer = decision.at(self.follower.risk)
-        if answer.estimate is None or not answer.accepted:
-            return Moved(answer, reason=Reason(answer.code, answer.figures))
+        answer = decision.with_risk(self.follower.risk)
+        if answer.estimate is None or not answer.is_accepted:
+            return Moved(answer, reason=StatusReason(answer.code, answer.figures))
         covariance = self.follower.pose_covariance(answer.estimate)
         return Moved(answer, chosen.contacts, chosen.homography, chosen.view, covariance)
 
     def _propose_transfers(
-        self, grey: Grey, G: Floats, tried: list[Proposal], refused: list[str]
-    ) -> Iterator[list[Proposal]]:
+        self, grey: Grey, G: Floats, tried: list[StrategyProposal], refused: list[str]
+    ) -> Iterator[list[StrategyProposal]]:
         """Transfers to contours near an expected pose first, then to any that are alike; notes them, and why there is none."""
         target, missed = self.follower.target, self._missed
         expected, P = target.homography(G), wide_prior(target)
 
-        def batch(view: View | None, *priors: Floats | None) -> list[Proposal]:
+        def transfer_proposals(view: View | None, *priors: Floats | None) -> list[StrategyProposal]:
             found = []
             for prior in priors:
                 try:
@@ -234,28 +236,28 @@ class Alone:
                 except TransferError as error:
                     refused.append(str(error))
                     continue
-                found.append(Proposal(Hypothesis(self.name, target.pose(carried.homography), P), *carried))
+                found.append(StrategyProposal(Hypothesis(self.name, target.pose(carried.homography), P), *carried))
             tried.extend(found)
             return found
 
         if not self._extractor.segments:
-            yield batch(None, expected if missed else None)
+            yield transfer_proposals(None, expected if missed else None)
         known: View | None = None
         try:
             outline, holes = apply_homography(expected, self._outline), apply_homography(expected, self._holes)
         except ConditioningError:
             return
-        for view in self._observer.near(grey, outline, holes):
+        for view in self._observer.views_near(grey, outline, holes):
             known = view
             if self._extractor.segments:
-                yield batch(view, self._correct_homography(expected, outline, view))
-            yield batch(view, *self._align_reference(view))
+                yield transfer_proposals(view, self._correct_homography(expected, outline, view))
+            yield transfer_proposals(view, *self._align_reference(view))
         area = abs(kernels.polygon_moments(outline, np.array([0, len(outline)], dtype=np.int64))[0])
-        for views in self._observer.anywhere(grey, area, missed, known):
+        for views in self._observer.views_anywhere(grey, area, missed, known):
             alike = sorted((self._shape_difference(view), i) for i, view in enumerate(views))
             for unlike, i in alike[:MAX_TRIED]:
                 if unlike <= UNLIKE:
-                    yield batch(views[i], *self._align_reference(views[i]))
+                    yield transfer_proposals(views[i], *self._align_reference(views[i]))
 
     def _correct_homography(self, H: Floats, outline: Floats, view: View) -> Floats:
         """A predicted homography moved and scaled so that the outline's centroid and area are those observed."""

@@ -23,6 +23,8 @@ Grey = NDArray[np.uint8]
 
 PATCH = 3
 """Pixels of its own level by which a patch reaches to either side of its middle."""
+ALIKE = 0.5
+"""Correlation from which on a patch shows the same, and share of its usual one."""
 GUESSED_TILT = 0.01
 """Share of sqrt(area) by which the perspective of a pose may be off that no frame before tells."""
 CONTACTS_FIRST = 1e6
@@ -66,7 +68,7 @@ class Recipe:
     hidden: list[Grey] | None = None
     textures: list[tuple[list[Grey], Floats, float]] = field(default_factory=list)
 
-    def build(self) -> Any:
+    def build_target(self) -> Any:
         """A kernel's target; the same recipe always gives the same one."""
         made = kernels.PoseTarget(*self.arguments)
         if self.hidden is not None:
@@ -134,7 +136,7 @@ class Target:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Make the kernel's target anew."""
-        self.__dict__.update(state, handle=state["recipe"].build())
+        self.__dict__.update(state, handle=state["recipe"].build_target())
 
     @cached_property
     def noise_of_motion(self) -> Floats:
@@ -171,16 +173,36 @@ class Target:
         """(8,) the inverse of its diagonal."""
         return np.asarray(1.0 / np.diagonal(self.noise_of_motion), dtype=np.float64)
 
-    def carried(self, G: Floats) -> Floats:
+    def carried_contacts(self, G: Floats) -> Floats:
         """(k, 2) px, the contacts in an image that shows the target through G."""
         at, in_front = kernels.carry_points(G, self.work_contacts)
         if not in_front > HORIZON:
             raise behind_camera_error(G)
         return at
 
-    def seen(self, visible: Floats) -> Floats:
+    def contact_visibility(self, visible: Floats) -> Floats:
         """(k,) 0 to 1: how much of the edge under each finger shows, of the samples' probabilities (N,) to be visible."""
         return np.asarray(visible @ self._finger_weights, dtype=np.float64)
+
+    def seen_surface(self, correlation: list[Floats], usual: list[Floats]) -> Floats:
+        """(k,) 0 to 1: of the patches beside each contact that usually look alike the share that do; 0 where there are none."""
+        alike, able = np.zeros(len(self.work_contacts)), np.zeros(len(self.work_contacts))
+        for beside, r, u in zip(self._patches_beside, correlation, usual, strict=True):
+            usually = u > ALIKE
+            able += beside @ (usually & np.isfinite(r))
+            alike += beside @ (usually & (np.nan_to_num(r) > ALIKE * u))
+        return np.asarray(alike / np.maximum(able, 1.0), dtype=np.float64)
+
+    @cached_property
+    def _patches_beside(self) -> list[Floats]:
+        """(k, n) of each of the finest levels: 1 where a patch lies beside a contact."""
+        found = []
+        for (_, places, stride), count in zip(self.recipe.textures, self.counts, strict=False):
+            away = np.hypot(*(self.work_contacts[:, None] - places[None]).transpose(2, 0, 1))
+            near = away <= 0.5 * FINGER_WIDTH * self.size + PATCH * stride
+            # which of them lay within the image, where not all of them did, is not known
+            found.append(near.astype(np.float64) if len(places) == count else np.zeros((len(away), count)))
+        return found
 
     def clear_corners(self, visible: Floats) -> Floats:
         """(n, 2) work px, the corners whose coarsest patches hold no sample of the outline that does not show.
@@ -191,13 +213,13 @@ class Target:
         Args:
             visible: (N,) probability of each sample to be visible; empty where that is not known.
         """
-        return self._clear(self.corners, self._corners_away, visible)
+        return self._clear_of_occluder(self.corners, self._corners_away, visible)
 
     def clear_ring(self, visible: Floats) -> Floats:
         """(n, 2) work px, the same of the ring."""
-        return self._clear(self.ring, self._ring_away, visible)
+        return self._clear_of_occluder(self.ring, self._ring_away, visible)
 
-    def _clear(self, places: Floats, away: Floats, visible: Floats) -> Floats:
+    def _clear_of_occluder(self, places: Floats, away: Floats, visible: Floats) -> Floats:
         hidden = visible <= 0.5
         hidden &= np.roll(hidden, 1) | np.roll(hidden, -1)  # one sample alone misses its edge by noise
         if not len(places) or not hidden.any():
@@ -208,14 +230,14 @@ class Target:
     @cached_property
     def _corners_away(self) -> Floats:
         """(n, N) work px from each corner to each sample of the outline."""
-        return self._away(self.corners)
+        return self._sample_distances(self.corners)
 
     @cached_property
     def _ring_away(self) -> Floats:
         """(n, N) the same of the ring."""
-        return self._away(self.ring)
+        return self._sample_distances(self.ring)
 
-    def _away(self, places: Floats) -> Floats:
+    def _sample_distances(self, places: Floats) -> Floats:
         return np.asarray(np.hypot(*(places[:, None] - self.points[None]).transpose(2, 0, 1)), dtype=np.float64)
 
     @cached_property
@@ -225,7 +247,7 @@ class Target:
         under = away <= 0.5 * FINGER_WIDTH * self.size
         return np.asarray(under / np.maximum(under.sum(axis=0), 1), dtype=np.float64)
 
-    def difference(self, G0: Floats, G: Floats) -> Floats:
+    def pose_difference(self, G0: Floats, G: Floats) -> Floats:
         """(8,) the pose's error, work px at the half size, that leads from G0 to G; NaN where none does."""
         return np.asarray(self.handle.difference(G0, G), dtype=np.float64)
 

@@ -29,15 +29,8 @@ from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
 from grasptrack.tracking.camera import Beforehand, rectifying_view
 from grasptrack.tracking.follower import AUTO, Follower, Moved
-from grasptrack.tracking.initialization import (
-    FirstScene,
-    Wish,
-    first_view,
-    image_size,
-    mask_as_scene,
-    start_tracking,
-)
-from grasptrack.tracking.messages import Reason
+from grasptrack.tracking.initialization import FirstScene, Wish, first_view, image_size, mask_as_scene, start_tracking
+from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.plane import UNKNOWN, Distance, Ruler, make_ruler
 from grasptrack.tracking.pose import PoseEstimate, contact_tolerance
@@ -70,9 +63,9 @@ class Track:
     mended: bool = False
     false_edge: float = 0.0
 
-    def distance(self, homography: Floats, covariance: Floats) -> Distance:
+    def distance_in(self, homography: Floats, covariance: Floats) -> Distance:
         """Of the object in a view, of H_current_reference (3, 3) and the covariance (9, 9) of its entries."""
-        return UNKNOWN if self.ruler is None else self.ruler.distance(homography, covariance)
+        return UNKNOWN if self.ruler is None else self.ruler.distance_in(homography, covariance)
 
 
 KEPT_ROWS = 4
@@ -122,17 +115,19 @@ class GraspTracker:
             than 3 px and 4 % of sqrt(area), or on another object, with less than this. Smaller means fewer and surer answers.
         length: of the object, in any unit: the longer side of the smallest rectangle round its outline, as a caliper measures
             it. Results then tell their `distance` in this unit.
+        pixel_aspect: width of a pixel over its height, as of an image that was squeezed; a calibration says it itself. Without
+            it views that differ tell, and the notice "not-pinhole".
 
     Attributes:
         candidates: up to three objects that the first look may take, the likeliest first, with `view` and `probability`; empty
             before. `number` chooses among them.
-        object_sure: a person said which object is meant, or its choice is sure; True before there is one.
+        object_sure: a person said which outline is meant, or its choice is sure; True before there is one.
 
     Raises:
         StrategyError: unknown strategy, or more fingers than it can carry.
         GraspError: contacts that are none, or fewer than two fingers.
         InputError: friction not positive, a risk or probability out of range, both a pixel and a box, both a grasp and a
-            choice, a length not above 0, or a number below 1.
+            choice, both a calibration and an aspect, a length or an aspect not above 0, or a number below 1.
     """
 
     @arguments.checked(
@@ -146,6 +141,7 @@ class GraspTracker:
         camera=arguments.optional(arguments.instance(Camera)),
         risk=arguments.number,
         length=arguments.optional(arguments.number),
+        pixel_aspect=arguments.optional(arguments.number),
         number=arguments.optional(arguments.whole),
         more=arguments.several,
         sure=arguments.number,
@@ -169,6 +165,7 @@ class GraspTracker:
         camera: Camera | None = None,
         risk: float = DEFAULT_RISK,
         length: float | None = None,
+        pixel_aspect: float | None = None,
         not_at: ArrayLike | None = None,
         outline: ArrayLike | None = None,
         background: NDArray[Any] | None = None,
@@ -186,7 +183,14 @@ class GraspTracker:
             raise InputError("a grasp and a choice of one both say which grasp is meant: give one of them")
         if length is not None and not 0.0 < length < math.inf:
             raise InputError(f"the object's length must be a positive number, not {length:g}", length=length)
-        self.length = length
+        if pixel_aspect is not None and not 0.0 < pixel_aspect < math.inf:
+            raise InputError(
+                f"pixel_aspect is the width of a pixel over its height, above 0, not {pixel_aspect:g}",
+                pixel_aspect=pixel_aspect,
+            )
+        if pixel_aspect is not None and camera is not None:
+            raise InputError("a calibration says how wide pixels are: leave out pixel_aspect")
+        self.length, self.pixel_aspect = length, pixel_aspect
         self.strategy, self.friction, self.risk = strategy, friction, check_risk(risk)
         regions = segmenter_for(segmenter)
         self._masks = regions if isinstance(regions, OneMask) else None
@@ -210,6 +214,7 @@ class GraspTracker:
         self._observer = OutlineDetector()
         self.candidates: list[Candidate] = []
         self.object_sure = True
+        self._object_probability = math.nan
         self._frame = -1
         self._grasps = 0
         self._track: Track | None = None
@@ -254,41 +259,41 @@ class GraspTracker:
         if not self._turn.acquire(blocking=False):
             raise InputError("a tracker looks at one image after another: call update from one thread at a time")
         try:
-            return cast("LocatedResult | UnlocatedResult", self._update(image, time, mask, started))
+            return cast("LocatedResult | UnlocatedResult", self._track_image(image, time, mask, started))
         finally:
             self._turn.release()
 
-    def _update(
+    def _track_image(
         self, image: NDArray[Any], time: float | None, mask: NDArray[Any] | None, started: float
     ) -> TrackResult:
         """The same, `started` at a time of the clock in s."""
         mask = self._masks.segment(image) if mask is None and self._masks else mask
-        grey, self._scene = self._look(image, mask), None
+        grey, self._scene = self._prepare_image(image, mask), None
         repeated = self._is_repeated(np.asarray(image if mask is None else mask))
         moment = _Moment(self._frame, time, started)
         if self._track is None:
-            result = self._begin(moment, masked=mask is not None)  # grasp synthesis, once
+            result = self._begin_tracking(moment, masked=mask is not None)  # grasp synthesis, once
         else:
             # contour extraction, grasp transfer, and whether to believe it
             moved = self._track.carrier.move(grey, time)
             track, share = self._track, self._track.follower.mended
             if share and not track.mended:
                 track = self._track = self._on_mended(track)
-                result = replace(self._analyzed(moment, track, moved), mended=share)
+                result = replace(self._analyzed_result(moment, track, moved), mended=share)
             else:
-                result = self._analyzed(moment, track, moved)
-        result = result if self.object_sure else replace(result, object_sure=False)
+                result = self._analyzed_result(moment, track, moved)
+        result = replace(result, object_sure=self.object_sure, object_probability=self._object_probability)
         result = replace(result, repeated=True) if repeated else result
-        return result if self._lens is None else self._lens.result(result)
+        return result if self._lens is None else self._lens.result_seen(result)
 
     def _is_repeated(self, image: NDArray[Any]) -> bool:
         """Whether the rows that are kept of the image before are the same in this one."""
         before, self._rows = self._rows, image[::KEPT_ROWS].copy()
         return before is not None and np.array_equal(before, self._rows)
 
-    def _begin(self, moment: _Moment, *, masked: bool) -> TrackResult:
+    def _begin_tracking(self, moment: _Moment, *, masked: bool) -> TrackResult:
         """Choose the object and a grasp on it."""
-        before, self._plane = self._beforehand(), None
+        before, self._plane = self._known_camera(), None
         wish = replace(self._wish, friction=self.friction)
         first = first_view(self._observer, wish, masked)
         self._wish = replace(self._wish, plane=None, said=replace(wish.said, more=()))  # later they would lie otherwise
@@ -298,36 +303,41 @@ class GraspTracker:
             return _make_result(moment, "searching", reason)
         self._scene = FirstScene(self._observer.colours, masked, first, wish, self.strategy, self.risk, before)
         if self._wish.before is None:
-            self.object_sure = masked or wish.said.names_object or candidate.probability >= wish.said.sure
-        grey = self._observer.choose(candidate)
+            self.object_sure = masked or wish.said.is_settled or candidate.probability >= wish.said.sure
+            self._object_probability = candidate.probability
+        grey = self._observer.choose_object(candidate)
         start = start_tracking(first, self.strategy, grey, self._observer, moment.time, self.risk, before)
         if start.carrier is None or start.grasp is None:
             if start.refusal:
-                reason = Reason("no-description", detail=start.refusal)
+                reason = StatusReason("no-description", detail=start.refusal)
             return _make_result(moment, "searching", reason, view=candidate.view)
         self._grasps += 1
         grasp, follower = start.grasp, start.carrier.follower
         closure = _make_closure_check(grasp, candidate.view, self.friction)
-        self._track = track = Track(self._grasps, closure, start.carrier, follower, self._ruler(follower))
+        self._track = track = Track(self._grasps, closure, start.carrier, follower, self._make_distance_ruler(follower))
         return _located_result(
             moment,
             track,
-            closure.first(follower.state.plane.rectifications),
+            closure.judge_first(follower.state.plane.rectifications),
             np.eye(3),
             np.zeros((9, 9)),
             contacts=grasp.contacts,
             seen=np.ones(len(grasp)),
+            edge=1.0,
+            surface=float(sum(follower.target.counts) > 0),
             confidence=1.0,
             view=candidate.view,
         )
 
-    def _again(self, view: View, plane: Beforehand) -> None:
+    def _request_another_grasp(self, view: View, plane: Beforehand) -> None:
         """Another grasp is to be chosen in the next image, on the object that has this outline and lies in this plane."""
         height, width = self._shape or (0, 0)
         self._track, self._plane = None, plane
-        self._wish = self._wish.again(view, partial(rectifying_view, plane.theta, width=width, height=height))
+        self._wish = self._wish.for_another(
+            view, partial(rectifying_view, plane.theta, width=width, height=height, aspect=plane.aspect or 1.0)
+        )
 
-    def _ruler(self, follower: Follower) -> Ruler | None:
+    def _make_distance_ruler(self, follower: Follower) -> Ruler | None:
         """What tells how far the object is, where its length was told."""
         return None if self.length is None else make_ruler(follower.target, follower.state.plane, self.length)
 
@@ -335,13 +345,13 @@ class GraspTracker:
         """The same grasp, judged on the outline that the first view has by now."""
         target = track.follower.target
         grasp, view = Grasp(target.contacts), target.view
-        track = replace(track, mended=True, ruler=self._ruler(track.follower))
+        track = replace(track, mended=True, ruler=self._make_distance_ruler(track.follower))
         off = float(grasp.on(view)[:, 2].max())
         if off > contact_tolerance(target.area, target.numbers):
             return replace(track, false_edge=off)
         return replace(track, closure=_make_closure_check(grasp, view, self.friction))
 
-    def _analyzed(self, moment: _Moment, track: Track, moved: Moved) -> TrackResult:
+    def _analyzed_result(self, moment: _Moment, track: Track, moved: Moved) -> TrackResult:
         """Analysis of what is believed."""
         estimate, contacts = moved.decision.estimate, moved.contacts
         if (
@@ -357,16 +367,16 @@ class GraspTracker:
         H, homography_covariance = target.homography_and_covariance(estimate.G, moved.covariance)
         if track.false_edge:  # fingers would close on nothing
             if self._resynthesize:
-                self._again(moved.view, plane.beforehand(H, homography_covariance))
-            beside = Reason("false-edge", {"distance": track.false_edge})
+                self._request_another_grasp(moved.view, plane.as_prior(H, homography_covariance))
+            beside = StatusReason("false-edge", {"distance": track.false_edge})
             return _make_result(moment, "lost", beside, grasp_id=track.number)
         covariance = target.handle.placed(estimate.G, moved.covariance)[1]
         try:
             judged = track.closure.judge(contacts, self.friction, moved.homography, H, covariance, plane.rectifications)
         except (GraspError, ConditioningError) as error:
-            return _make_result(moment, "lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
+            return _make_result(moment, "lost", StatusReason("off-outline", detail=str(error)), grasp_id=track.number)
         if self._resynthesize and _needs_another(judged, plane.rectifications.told):
-            self._again(moved.view, plane.beforehand(H, homography_covariance))
+            self._request_another_grasp(moved.view, plane.as_prior(H, homography_covariance))
         if contacts is not estimate.contacts:
             covariance = covariance + _offset_covariance(contacts, estimate)
         return _located_result(
@@ -376,7 +386,9 @@ class GraspTracker:
             H,
             homography_covariance,
             contacts=contacts,
-            seen=target.seen(estimate.visible),
+            seen=target.contact_visibility(estimate.visible),
+            edge=float(np.mean(estimate.visible)) if len(estimate.visible) else 0.0,
+            surface=estimate.texture_agreeing,
             confidence=moved.decision.confidence,
             homography_covariance=homography_covariance,
             covariance=covariance,
@@ -390,15 +402,15 @@ class GraspTracker:
 
     # --- images ----------------------------------------------------------------------------------
 
-    def _look(self, image: NDArray[Any], mask: NDArray[Any] | None) -> Grey:
+    def _prepare_image(self, image: NDArray[Any], mask: NDArray[Any] | None) -> Grey:
         """The image, or the mask in its place, as everything that follows sees it."""
         if self._camera is not None:
-            image, mask = self._straight(image, mask, self._camera)
+            image, mask = self._undistort_image(image, mask, self._camera)
         said = self._wish.said
         if self._frame < 0:
             said = said.within(image_size(image))
             self._observer = OutlineDetector(said.hidden)
-        grey = self._observer.look(image if mask is None else mask_as_scene(mask, image_size(image)))
+        grey = self._observer.set_image(image if mask is None else mask_as_scene(mask, image_size(image)))
         self._shape = self._shape or grey.shape
         if grey.shape != self._shape:
             (height, width), (first_height, first_width) = grey.shape, self._shape
@@ -410,27 +422,29 @@ class GraspTracker:
         self._frame, self._wish = self._frame + 1, replace(self._wish, said=said)
         return grey
 
-    def _beforehand(self) -> Beforehand | None:
+    def _known_camera(self) -> Beforehand | None:
         """What is known of camera and tilt: by the grasp before, or what the calibration says of the focal length."""
         if self._plane is not None:
             return self._plane
-        return None if self._lens is None else Beforehand.by_calibration(self._lens.focal, NUMBERS)
+        if self._lens is not None:
+            return Beforehand.by_calibration(self._lens.focal, NUMBERS)
+        return replace(Beforehand.of_unknown(NUMBERS), aspect=self.pixel_aspect)
 
     def _seen_candidates(self, found: list[Candidate]) -> list[Candidate]:
         """Candidates in px of the images as they are, those that a person would tell apart."""
         lens = self._lens
         apart = distinct_candidates(found)
-        return apart if lens is None else [c._replace(view=lens.view(c.view)) for c in apart]
+        return apart if lens is None else [c._replace(view=lens.view_seen(c.view)) for c in apart]
 
-    def _straight(
+    def _undistort_image(
         self, image: NDArray[Any], mask: NDArray[Any] | None, camera: Camera
     ) -> tuple[NDArray[Any], NDArray[Any] | None]:
         """The image and its mask without the lens's distortion."""
         if self._lens is None:
             height, width = image_size(image)
             self._lens = Undistortion(camera, width, height)
-            self._wish = replace(self._wish, said=self._wish.said.straight(self._lens))
-        return self._lens.image(image), None if mask is None else self._lens.mask(mask)
+            self._wish = replace(self._wish, said=self._wish.said.without_distortion(self._lens))
+        return self._lens.straight_image(image), None if mask is None else self._lens.straight_mask(mask)
 
 
 def _checked_fingers(fingers: int, strategy: str, given: Grasp | None) -> int:
@@ -458,19 +472,19 @@ def _make_closure_check(grasp: Grasp, view: View, friction: float) -> ClosureChe
     return ClosureCheck(grasp, view, friction, width)
 
 
-def _judged_status(judged: Judgement, chance: float, told: bool) -> tuple[Status, Reason | None]:
+def _judged_status(judged: Judgement, chance: float, told: bool) -> tuple[Status, StatusReason | None]:
     """Whether a grasp is stable, and why not or by how much that is open; `told` as of `Rectifications`.
 
     What no view has told yet is no reason to refuse a grasp, and is said.
     """
     figures = {"chance": chance}
     if not judged.analysis.stable:
-        return "unstable", Reason("not-closing", detail=judged.analysis.reason)
+        return "unstable", StatusReason("not-closing", detail=judged.analysis.reason)
     if told and judged.closes < CHANCE:
-        return "unstable", Reason("open-margin", figures)
+        return "unstable", StatusReason("open-margin", figures)
     if (chance if told else judged.stays) < CHANCE:
-        return "unstable", Reason("slips", figures)
-    return "tracked", Reason("tilt-open", figures) if chance < CHANCE else None
+        return "unstable", StatusReason("slips", figures)
+    return "tracked", StatusReason("tilt-open", figures) if chance < CHANCE else None
 
 
 def _needs_another(judged: Judgement, told: bool) -> bool:
@@ -493,9 +507,14 @@ def _located_result(
         C: (9, 9) of its entries.
         **found: what else the result has.
     """
-    plane, chance = track.follower.state.plane, judged.chance
-    tilt, distance = plane.tilt(H, C), track.distance(H, C)
+    plane, chance = track.follower.state.plane, judged.closure_probability
+    tilt, distance = plane.tilt_in(H, C), track.distance_in(H, C)
     status, reason = _judged_status(judged, chance, plane.rectifications.told)
+    state = track.follower.state
+    if status == "tracked" and state.sightings.are_stale(found["contacts"], state.numbers):
+        reason = StatusReason("contact-unseen")
+    if plane.is_squeezed:
+        reason = reason or StatusReason("not-pinhole", {"aspect": plane.aspect})
     return _make_result(
         moment,
         status,
@@ -516,9 +535,9 @@ def _located_result(
     )
 
 
-def _make_result(moment: _Moment, status: Status, reason: Reason | None, **found: Any) -> TrackResult:
+def _make_result(moment: _Moment, status: Status, reason: StatusReason | None, **found: Any) -> TrackResult:
     """The result of an update, which is over."""
-    latency_ms, reason = 1e3 * (clock.perf_counter() - moment.started), reason or Reason()
+    latency_ms, reason = 1000 * (clock.perf_counter() - moment.started), reason or StatusReason()
     if status == "tracked":  # nothing refuses it
         sentence, code, notice = "", "", reason.code
     else:

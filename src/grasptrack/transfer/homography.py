@@ -157,7 +157,7 @@ def _match_peaks(
         gate = max(GATE * _prediction_error(carried, current), SMOOTHING * length)
         centres = np.interp(places[:, 1], np.arange(len(current) + 1.0), there.arc).tolist()
 
-    def match(count: int) -> list[float]:
+    def match_curvature(count: int) -> list[float]:
         """Eq. (3) for the first peaks: places on the current contour, NaN of none, or of one beyond the gate."""
         reach, step = SEARCH * length, NEIGHBOURHOOD * length / RADIUS
         window = MatchWindow(kappa, reach, RADIUS, step, MAX_ERROR)
@@ -167,10 +167,10 @@ def _match_peaks(
         off = np.hypot(*(current.points[found.samples] - predicted[:count]).T)
         return [place if o <= gate else math.nan for place, o in zip(found.places, off.tolist(), strict=True)]
 
-    found = match(4)
+    found = match_curvature(4)
     if not any(map(math.isnan, found)):
         return peaks[:4], found
-    usable = [(i, j) for i, j in zip(peaks, match(len(peaks)), strict=True) if not math.isnan(j)]
+    usable = [(i, j) for i, j in zip(peaks, match_curvature(len(peaks)), strict=True) if not math.isnan(j)]
     if len(usable) < 4:
         raise PeaksError(
             f"only {len(usable)} peaks of the reference outline have a match in this view; four are needed"

@@ -87,12 +87,12 @@ def _draw_status_chip(strip: Picture, status: str, x: int, baseline: int, em: in
 def _draw_confidence(strip: Picture, result: TrackResult, pad: int, baseline: int, size: int, colour: Colour) -> int:
     """The confidence as a bar and a number, flush right; returns where they begin.
 
-    Of a lost frame it is that of a guess that was not given out: in grey, and with as many digits as keep it from reading as
-    certain.
+    With as many digits as keep it from reading as certain. Of a lost frame it is that of a guess, not given out, and grey.
     """
-    confidence, label, number, ink = result.confidence, "confidence", f"{result.confidence:.2f}", INK_RGB
+    confidence, label, ink = result.confidence, "confidence", INK_RGB
+    number = format_confidence(confidence, 2)
     if result.status == "lost":
-        label, number, colour, ink = "best guess", format_confidence(confidence, 2), MUTED_RGB, MUTED_RGB
+        label, colour, ink = "best guess", MUTED_RGB, MUTED_RGB
     gap = round(0.6 * size)
     bar = round(0.16 * strip.shape[1])
     x: int = strip.shape[1] - pad - text_width(number, size, bold=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.trackability.motions import SLIDING, sliding_displacement
-from grasptrack.trackability.report import Row, describe_expectation, report_rows
+from grasptrack.trackability.report import Entry, describe_expectation, report_rows
 from grasptrack.typing import Floats
 from grasptrack.view.marks import grasp_spokes
 from grasptrack.view.panel import (
@@ -109,7 +109,7 @@ class Sheet(TextColumn):
                 continue
             self._write_row(row)
 
-    def _write_row(self, row: Row) -> None:
+    def _write_row(self, row: Entry) -> None:
         start = self._left + 2.35
         lines = _wrap_to_width(row.note, self._width - 2.35, 10.0) or [""]
         if self._y - 0.2 * len(lines) < 0.1:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from grasptrack.view.style import INK, RULE, STATUS_RGB, Picture, create_figure, hex_colour, save_whole
 
 if TYPE_CHECKING:
-    from grasptrack.io.run import RunSummary
+    from grasptrack.io.results import RunSummary
 
 SHOWN = 6
 _THUMB_WIDTH = 480
@@ -62,7 +62,7 @@ class Filmstrip:
         return [self._kept[i] for i in chosen]
 
 
-class Curves:
+class BinnedCurves:
     """The columns of grasps.csv over the frames, in as many bins as a page has room for, whatever the run's length.
 
     Args:
@@ -120,7 +120,7 @@ def write_summary(path: Path, rows: Path, strip: Filmstrip, summary: RunSummary,
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     pictures = strip.pick_frames()
-    curves = Curves(rows, summary.frames)
+    curves = BinnedCurves(rows, summary.frames)
     across = min(3, max(1, len(pictures)))
     down = math.ceil(len(pictures) / across) if pictures else 0
     tall = 0.6 + sum(12.4 / across * p.shape[0] / p.shape[1] + 0.16 for _, p in pictures[::across])
@@ -151,7 +151,7 @@ def _show_pictures(figure: Any, pictures: list[tuple[int, Picture]], down: int, 
             axes.imshow(picture[:, :, ::-1], interpolation="antialiased")
 
 
-def _show_curves(figure: Any, curves: Curves, summary: RunSummary) -> None:
+def _show_curves(figure: Any, curves: BinnedCurves, summary: RunSummary) -> None:
     from matplotlib.patches import Patch
     from matplotlib.ticker import MaxNLocator
 
@@ -197,7 +197,7 @@ def _show_curves(figure: Any, curves: Curves, summary: RunSummary) -> None:
     margin.legend(handles=marks, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=10)
 
 
-def _latency_axis(axes: Any, curves: Curves, summary: RunSummary) -> None:
+def _latency_axis(axes: Any, curves: BinnedCurves, summary: RunSummary) -> None:
     """Scaled to the 99th percentile and a little more: the first frame, which synthesises, would flatten the rest."""
     high = curves.high["latency_ms"]
     if not np.isfinite(high).any():

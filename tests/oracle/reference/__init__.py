@@ -10,17 +10,7 @@ along a contour's direction, (ty, -tx) points out of the material and (-ty, tx) 
 position on a contour of n points is a vertex index plus the fraction of the segment that follows, in [0, n).
 """
 
-from reference import (
-    crossing,
-    geometry,
-    grasp,
-    homography,
-    image,
-    matching,
-    registration,
-    synthesis,
-    transfer,
-)
+from reference import crossing, geometry, grasp, homography, image, matching, registration, synthesis, transfer
 from reference.crossing import *
 from reference.geometry import *
 from reference.grasp import *

@@ -154,10 +154,7 @@ def settle_edges(
 
 
 def trace_edges(
-    image: NDArray[np.uint8],
-    chain: NDArray[np.int32],
-    hidden: NDArray[np.uint8] | None,
-    options: TraceOptions,
+    image: NDArray[np.uint8], chain: NDArray[np.int32], hidden: NDArray[np.uint8] | None, options: TraceOptions
 ) -> TracedEdges:
     """Localise the edge along a chain of pixels.
 

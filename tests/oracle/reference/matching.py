@@ -12,14 +12,7 @@ from grasptrack.geometry.homographies import displacement_fields, near_identity
 from grasptrack.kernels.results import AlignmentSteps, CyclicShift
 from grasptrack.statistics import lower_median, robust_sd
 from grasptrack.typing import Floats
-from reference.checks import (
-    check_arc,
-    check_contour,
-    check_outline,
-    check_power_of_2,
-    check_size,
-    check_within,
-)
+from reference.checks import check_arc, check_contour, check_outline, check_power_of_2, check_size, check_within
 from reference.geometry import polygon_moments, resample
 from reference.homography import carry_normals
 
@@ -309,12 +302,7 @@ def _half_spacing(targets: Floats, offsets: NDArray[np.int64]) -> Floats:
 
 
 def _check_arguments(
-    points: Floats,
-    normals: Floats,
-    targets: Floats,
-    target_normals: Floats,
-    offsets: NDArray[np.int64],
-    reach: float,
+    points: Floats, normals: Floats, targets: Floats, target_normals: Floats, offsets: NDArray[np.int64], reach: float
 ) -> None:
     if not len(points) or len(points) != len(normals) or len(targets) != len(target_normals):
         raise ValueError("points are needed, each with its normal")

@@ -138,11 +138,7 @@ def select_points(
 
 
 def match_curvature(
-    first: CurvatureVector,
-    indices: list[int],
-    second: CurvatureVector,
-    centres: list[float],
-    window: MatchWindow,
+    first: CurvatureVector, indices: list[int], second: CurvatureVector, centres: list[float], window: MatchWindow
 ) -> CurvatureMatches:
     """Eq. (3): the place on the second contour whose neighbourhood is most like that of sample i of the first.
 

@@ -96,7 +96,7 @@ def _is_doubled(view: View, places: Floats, contacts: Floats, steps: Floats) -> 
     """(m,) where the outline lies on itself, as on a way out and back of no width: nobody can tell the side of a contact."""
     lengths = np.array([c.length for c in view.contours])
 
-    def along(at: Floats) -> Floats:
+    def arc_positions(at: Floats) -> Floats:
         s = np.empty(len(at))
         for c, contour in enumerate(view.contours):
             own = at[:, 0] == c
@@ -105,7 +105,7 @@ def _is_doubled(view: View, places: Floats, contacts: Floats, steps: Floats) -> 
 
     found = kernels.project_to_contour(view.points, view.offsets, contacts)
     home, there = places[:, 0].astype(np.int64), found[:, 0].astype(np.int64)
-    s, t = along(places), along(found)
+    s, t = arc_positions(places), arc_positions(found)
     gap = np.abs(s - t)
     doubled: NDArray[np.bool_] = (home != there) | (np.minimum(gap, lengths[home] - gap) > SAME_PLACE * lengths[home])
     for c, at in zip(there[doubled].tolist(), t[doubled].tolist(), strict=True):  # the other side, which is found first

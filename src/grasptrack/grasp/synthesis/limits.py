@@ -71,7 +71,7 @@ NEIGHBOUR = "no room for a finger: a neighbour is in the way"
 CROWDED = "no room for the fingers: they would touch each other"
 
 
-class Limits(NamedTuple):
+class UnevennessLimits(NamedTuple):
     """How uneven the outline under a finger may be; infinite values ask nothing.
 
     Attributes:
@@ -86,7 +86,7 @@ class Limits(NamedTuple):
 
 
 def reject_infeasible(
-    found: Stable, at: Candidates, view: View, hand: HandPx, neighbours: Sequence[Outline], limits: Limits
+    found: Stable, at: Candidates, view: View, hand: HandPx, neighbours: Sequence[Outline], limits: UnevennessLimits
 ) -> tuple[Ints, dict[str, int]]:
     """Rows of the stable candidates that a hand can do, and how many others each reason removed.
 
@@ -96,27 +96,27 @@ def reject_infeasible(
     left = np.arange(len(found))
     counts: dict[str, int] = {}
 
-    def drop(bad: NDArray[np.bool_], reason: str) -> None:
+    def drop_candidates(bad: NDArray[np.bool_], reason: str) -> None:
         nonlocal left
         if bad.any():
             counts[reason] = int(bad.sum())
             left = left[~bad]
 
-    drop(found.opening[left] > hand.max_opening, too_wide(hand))
-    drop(found.opening[left] < hand.min_opening, too_narrow(hand))
-    drop(found.roughness[left] > limits.roughness, NOT_FLAT)
+    drop_candidates(found.opening[left] > hand.max_opening, too_wide(hand))
+    drop_candidates(found.opening[left] < hand.min_opening, too_narrow(hand))
+    drop_candidates(found.roughness[left] > limits.roughness, NOT_FLAT)
     depth = hand.finger_thickness + hand.clearance
     protrusion, nearest = _finger_clearances(view, found, left, at.places, hand.finger_width, depth)
     askew, blocked = protrusion > limits.protrusion * hand.finger_width, np.isfinite(nearest)
-    drop(askew, ASKEW)
-    drop(blocked[~askew], NO_ROOM)
+    drop_candidates(askew, ASKEW)
+    drop_candidates(blocked[~askew], NO_ROOM)
     for neighbour in neighbours:
         outer = View(as_view(neighbour).outer)
         _, nearest = _finger_clearances(outer, found, left, None, hand.finger_width, depth)
         in_the_way = np.isfinite(nearest)
         counts[NEIGHBOUR] = counts.get(NEIGHBOUR, 0) + int(in_the_way.sum())
         left = left[~in_the_way]
-    drop(fingers_overlap(found.contacts[left], found.directions[left], hand.finger_width, depth), CROWDED)
+    drop_candidates(fingers_overlap(found.contacts[left], found.directions[left], hand.finger_width, depth), CROWDED)
     return left, {reason: n for reason, n in sorted(counts.items(), key=lambda item: -item[1]) if n}
 
 

@@ -12,10 +12,10 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline, View
 from grasptrack.grasp.contacts import GraspList, RankedGrasp, Terms
-from grasptrack.grasp.force_closure import Closure
+from grasptrack.grasp.force_closure import ForceClosure
 from grasptrack.grasp.hand import Hand, HandPx
 from grasptrack.grasp.synthesis.candidates import Candidates, Stable, sample_candidates, stable_pairs, stable_triples
-from grasptrack.grasp.synthesis.limits import Limits, Tried, finger_rectangles, reject_infeasible, why_none
+from grasptrack.grasp.synthesis.limits import Tried, UnevennessLimits, finger_rectangles, reject_infeasible, why_none
 from grasptrack.kernels.results import RankedCandidates, RankingLimits, WrenchSpace
 from grasptrack.typing import Floats, Ints
 
@@ -51,13 +51,13 @@ def find_grasps(
     top: int,
     hand: Hand,
     neighbours: Sequence[Outline],
-    limits: Limits,
+    limits: UnevennessLimits,
 ) -> GraspList:
     """As `synthesize`, with the limits on how uneven the outline under a finger may be."""
     area, cx, cy, *_ = kernels.polygon_moments(view.points, view.offsets)
     px = hand.in_px(math.sqrt(area))
 
-    def look(size: HandPx) -> _Look:
+    def search_at_size(size: HandPx) -> _Look:
         at = sample_candidates(view, area, np.array([cx, cy]), size.finger_width)
         found = _stable_candidates(at, fingers, friction)
         left, refused = reject_infeasible(found, at, view, size, neighbours, limits)
@@ -66,14 +66,14 @@ def find_grasps(
             left, refused = reject_infeasible(found, at, view, size, neighbours, limits)
         return _Look(at, found, left, refused)
 
-    at, found, left, refused = look(px)
+    at, found, left, refused = search_at_size(px)
     if not len(found):
         return GraspList([], _nothing_closes(view, at, fingers, friction))
     if not len(left):
         reason = why_none(
             Tried(found.opening, refused, px, hand.px_per_mm),
             lambda other: reject_infeasible(found, at, view, other, neighbours, limits)[0],
-            lambda other: bool(len(look(other).left)),
+            lambda other: bool(len(search_at_size(other).left)),
         )
         return GraspList([], reason, refused)
     chosen, quality, regions = kernels.rank_grasps(
@@ -126,7 +126,7 @@ def _ranked_grasps(
         if index.shape[1] == 2:
             margin = math.atan(friction) - math.atan(found.strength[row])
         else:
-            margin = Closure.of(contacts[i], at.normals[index[i]], (cx, cy), 0.5 * at.size, friction).margin
+            margin = ForceClosure.of(contacts[i], at.normals[index[i]], (cx, cy), 0.5 * at.size, friction).margin
         grasps.append(
             RankedGrasp(
                 contacts[i],

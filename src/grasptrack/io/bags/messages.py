@@ -39,7 +39,7 @@ class Topic(NamedTuple):
     length: int | None
 
     @property
-    def images(self) -> str:
+    def image_form(self) -> str:
         """What its messages hold: "raw", "compressed" or "video"; empty where they are no images."""
         return "" if self.name.endswith("/compressedDepth") else image_kind(self.type)
 
@@ -72,7 +72,7 @@ class MessageImages:
         self._to_eight = EightBits(None if bits is None else float((1 << bits) - 1))
         self._decoder: Any = None
 
-    def image(self, message: Any, name: str) -> Image | None:
+    def decode_message(self, message: Any, name: str) -> Image | None:
         """A message's image; None where a video gives none yet.
 
         Args:
@@ -83,12 +83,12 @@ class MessageImages:
             SourceError: an encoding that is not read, or data that is damaged.
         """
         if self._kind == "raw":
-            return self._raw(message, name)
+            return self._decode_raw(message, name)
         if self._kind == "compressed":
-            return self._compressed(message, name)
-        return self._video(message, name)
+            return self._decode_compressed(message, name)
+        return self._decode_video(message, name)
 
-    def _raw(self, message: Any, name: str) -> Image:
+    def _decode_raw(self, message: Any, name: str) -> Image:
         check_size(message.width, message.height, name)
         form = ros_format(message.encoding)
         data = np.frombuffer(message.data, np.uint8)
@@ -100,22 +100,22 @@ class MessageImages:
             message.step,
             big_endian=bool(getattr(message, "is_bigendian", 0)),
         )
-        return self._finish(values, form)
+        return self._to_eight_bits(values, form)
 
-    def _finish(self, values: NDArray[Any], form: PixelFormat) -> Image:
+    def _to_eight_bits(self, values: NDArray[Any], form: PixelFormat) -> Image:
         if values.dtype != np.uint8:  # 16 bits say nothing of how many are used
             values, form = self._to_eight(values), form._replace(bits=8)
         return to_image(values, form)
 
-    def _compressed(self, message: Any, name: str) -> Image:
+    def _decode_compressed(self, message: Any, name: str) -> Image:
         image = decode_image(bytes(message.data), name)
         first, _, rest = str(message.format).partition(";")
         within = rest.partition("compressed")[2].strip() or first.strip()
         if image.ndim == 2 and within.startswith("bayer"):  # the mosaic itself was compressed
-            return self._finish(image, ros_format(within)._replace(bits=8 * image.dtype.itemsize))
+            return self._to_eight_bits(image, ros_format(within)._replace(bits=8 * image.dtype.itemsize))
         return self._to_eight(image)
 
-    def _video(self, message: Any, name: str) -> Image | None:
+    def _decode_video(self, message: Any, name: str) -> Image | None:
         import av
 
         from grasptrack.io.video import upright_image

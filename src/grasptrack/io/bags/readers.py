@@ -50,7 +50,7 @@ class McapFile:
         return summary if summary is not None and summary.statistics else None
 
     @property
-    def whole(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether its writer ended it."""
         return self._summary is not None
 
@@ -64,14 +64,14 @@ class McapFile:
                 for c in channels.values()
             ]
         found: dict[str, Topic] = {}
-        for schema, channel, _ in self._walk(None):
+        for schema, channel, _ in self._iterate_messages(None):
             before = found.get(channel.topic)
             found[channel.topic] = Topic(
                 channel.topic, schema.name if schema else "", 1 + (before.length or 0 if before else 0)
             )
         return list(found.values())
 
-    def options(self) -> str:
+    def tracking_options(self) -> str:
         """Options of `grasptrack track` that track our own recording again alike; empty where it tells none."""
         self._file.seek(0)
         reader = self._reader
@@ -83,7 +83,7 @@ class McapFile:
         except Exception:  # there is none, or the file ends somewhere within a record
             return ""
 
-    def _walk(self, topics: list[str] | None) -> Iterator[tuple[Any, Any, Any]]:
+    def _iterate_messages(self, topics: list[str] | None) -> Iterator[tuple[Any, Any, Any]]:
         """Messages in the order of their times, or of the file where it has no index; up to where a file was cut off."""
         if self._summary is not None:
             yield from self._reader.iter_messages(topics=topics)
@@ -97,21 +97,21 @@ class McapFile:
 
     def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
         """Times of recording in ns and messages, in that order."""
-        for schema, channel, message in self._walk([topic]):
-            yield message.log_time, self._decoder(schema, channel)(message.data)
+        for schema, channel, message in self._iterate_messages([topic]):
+            yield message.log_time, self._decoder_for(schema, channel)(message.data)
 
     def timed_messages(self) -> Iterator[tuple[float | None, Any]]:
         """Images of our own recording with the times, in s, that they had; None for none."""
         held: Any = None
-        for schema, channel, message in self._walk([IMAGE_TOPIC, RESULT_TOPIC]):
+        for schema, channel, message in self._iterate_messages([IMAGE_TOPIC, RESULT_TOPIC]):
             if channel.topic == IMAGE_TOPIC:
-                held = message.log_time, self._decoder(schema, channel)(message.data)
+                held = message.log_time, self._decoder_for(schema, channel)(message.data)
             elif held is not None and held[0] == message.log_time:
                 time = json.loads(message.data).get("time_s")
                 yield time, held[1]
                 held = None
 
-    def _decoder(self, schema: Any, channel: Any) -> Callable[[bytes], Any]:
+    def _decoder_for(self, schema: Any, channel: Any) -> Callable[[bytes], Any]:
         decoder = self._decoders.get(channel.id)
         if decoder is None:
             decoder = self._decoders[channel.id] = _make_decoder(schema, channel, self._path)

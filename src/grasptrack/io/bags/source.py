@@ -34,39 +34,39 @@ class BagSource(Source):
     def __init__(self, spec: str, path: Path, topic: str, fps: float | None = None, bits: int | None = None) -> None:
         super().__init__(spec, fps)
         self._path, self._bits = path, bits
-        bag = self._open()
+        bag = self._open_bag()
         try:
-            topics = self._checked(bag.topics)
+            topics = self._translate_errors(bag.topics)
             if isinstance(bag, McapFile) and any(t.name == RESULT_TOPIC for t in topics):
-                self.recorded_with = bag.options()
+                self.recorded_with = bag.tracking_options()
         finally:
             bag.close()
         self._topic = _choose_topic(path, topics, topic)
         self._own = self._topic.name == IMAGE_TOPIC and any(t.name == RESULT_TOPIC for t in topics)
         self.count = self._topic.length
-        self.exact = self._topic.images != "video"
+        self.exact = self._topic.image_form != "video"
 
-    def _open(self) -> McapFile | RosBag:
+    def _open_bag(self) -> McapFile | RosBag:
         mcap = self._path.suffix.lower() == ".mcap"
-        opened: McapFile | RosBag = self._checked(lambda: (McapFile if mcap else RosBag)(self._path))
+        opened: McapFile | RosBag = self._translate_errors(lambda: (McapFile if mcap else RosBag)(self._path))
         return opened
 
-    def _checked(self, work: Any) -> Any:
+    def _translate_errors(self, work: Any) -> Any:
         """What `work` gives; whatever a reader of damaged files raises becomes one line."""
         try:
             return work()
         except GraspTrackError:
             raise
         except Exception as error:
-            raise SourceError(f'bag "{self._path}" cannot be read: {_said(error)}', path=str(self._path)) from None
+            raise SourceError(f'bag "{self._path}" cannot be read: {_one_line(error)}', path=str(self._path)) from None
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
-        bag, index, messages = self._open(), 0, MessageImages(self._topic.images, self._bits)
+        bag, index, messages = self._open_bag(), 0, MessageImages(self._topic.image_form, self._bits)
         self.shortfall = ""
         try:
-            for time, message in self._timed(bag):
+            for time, message in self._timed_messages(bag):
                 name = f"image {index} of {self._topic.name}"
-                image = messages.image(message, name)
+                image = messages.decode_message(message, name)
                 if image is not None:
                     yield image, time, name
                     index += 1
@@ -74,18 +74,18 @@ class BagSource(Source):
             raise
         except Exception as error:
             raise SourceError(
-                f'bag "{self._path}" is damaged: it can be read up to image {index} ({_said(error)})',
+                f'bag "{self._path}" is damaged: it can be read up to image {index} ({_one_line(error)})',
                 path=str(self._path),
                 frame=index,
             ) from None
         finally:
             bag.close()
-        if isinstance(bag, McapFile) and not bag.whole:
+        if isinstance(bag, McapFile) and not bag.is_complete:
             self.shortfall = f"it was not closed by what wrote it: {index} images could be read"
         if index == 0:
             raise SourceError(f'bag "{self._path}": no image of {self._topic.name} can be read', path=str(self._path))
 
-    def _timed(self, bag: McapFile | RosBag) -> Iterator[tuple[float | None, Any]]:
+    def _timed_messages(self, bag: McapFile | RosBag) -> Iterator[tuple[float | None, Any]]:
         if self._own and isinstance(bag, McapFile):
             yield from bag.timed_messages()
             return
@@ -98,7 +98,7 @@ class BagSource(Source):
             yield ((stamp or first if stamped else recorded) - first) / 1e9, message
 
 
-def _said(error: Exception) -> str:
+def _one_line(error: Exception) -> str:
     return " ".join(f"{error}".split()) or type(error).__name__
 
 
@@ -108,7 +108,7 @@ def _choose_topic(path: Path, topics: list[Topic], asked: str) -> Topic:
     Raises:
         SourceError: it is absent or no image; none was asked for, and there are several, or none.
     """
-    pictures = [t for t in topics if t.images and t.length != 0]
+    pictures = [t for t in topics if t.image_form and t.length != 0]
     there = ", ".join(f"{t.name} ({t.length})" for t in pictures)
     if not pictures:
         names = ", ".join(sorted(t.name for t in topics)) or "none"

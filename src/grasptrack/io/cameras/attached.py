@@ -29,7 +29,7 @@ class Attached(NamedTuple):
     model: str
 
     @property
-    def spec(self) -> str:
+    def source_name(self) -> str:
         """Its name as a source."""
         return f"{self.kind}:{self.where}"
 

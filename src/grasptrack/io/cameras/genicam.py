@@ -32,7 +32,7 @@ class _GenICam:
     def __init__(self, producer: Path, serial: str, spec: str, name: str, settings: Mapping[str, str]) -> None:
         self._name = name
         self._genapi = import_extra("genicam.gentl", "genicam", "a GenICam camera")
-        self._harvester = _harvest(producer)
+        self._harvester = _open_harvester(producer)
         self._camera: Any = None
         try:
             serials = [_serial_of(info) for info in self._harvester.device_info_list]
@@ -41,7 +41,7 @@ class _GenICam:
                 self._camera = self._harvester.create(at)
                 nodes = self._camera.remote_device.node_map
                 for key, value in settings.items():
-                    self._set(nodes, key, value)
+                    self._set_node(nodes, key, value)
                 self._camera.num_buffers = 4
                 self._camera.start()
             except SourceError:
@@ -52,7 +52,7 @@ class _GenICam:
             self.close()
             raise
 
-    def _set(self, nodes: Any, key: str, value: str) -> None:
+    def _set_node(self, nodes: Any, key: str, value: str) -> None:
         if not nodes.has_node(key):
             raise SourceError(f"{self._name} has no setting {key}", name=key)
         try:
@@ -101,7 +101,7 @@ def _serial_of(info: Any) -> str:
     return str(info.property_dict.get("serial_number") or info.property_dict.get("id_"))
 
 
-def _harvest(producer: Path) -> Any:
+def _open_harvester(producer: Path) -> Any:
     """A harvester that has looked for the cameras of one producer."""
     core = import_extra("harvesters.core", "genicam", "a GenICam camera")
     if not producer.is_file():
@@ -116,7 +116,7 @@ def _harvest(producer: Path) -> Any:
     return harvester
 
 
-def producers() -> list[Path]:
+def installed_producers() -> list[Path]:
     """The producers that are installed, by the folders in the environment."""
     folders = [Path(part) for part in os.environ.get(SEARCH_PATH, "").split(os.pathsep) if part]
     return sorted({file for folder in folders if folder.is_dir() for file in folder.glob("*.cti")})
@@ -129,11 +129,11 @@ def attached_genicam() -> list[Attached]:
         InputError: harvesters or genicam are not installed, there is no producer, or one cannot be loaded.
     """
     import_extra("harvesters.core", "genicam", "a GenICam camera")
-    found, installed = [], producers()
+    found, installed = [], installed_producers()
     if not installed:
         raise InputError(f"no GenTL producer in the folders of {SEARCH_PATH}: name one, as genicam:FILE.cti")
     for producer in installed:
-        harvester = _harvest(producer)
+        harvester = _open_harvester(producer)
         try:
             for info in harvester.device_info_list:
                 found.append(Attached("genicam", f"{producer}#{_serial_of(info)}", str(info.property_dict["model"])))
@@ -162,7 +162,7 @@ def open_genicam(spec: str, fps: float | None = None, settings: Mapping[str, str
     if file:
         producer = Path(file)
     else:
-        installed = producers()
+        installed = installed_producers()
         if len(installed) != 1:
             there = ", ".join(map(str, installed)) or f"none in the folders of {SEARCH_PATH}"
             raise SourceError(f'"{spec}" names no GenTL producer, as genicam:FILE.cti#SERIAL does; there is {there}')

@@ -36,8 +36,8 @@ class _Basler:
         try:
             nodes = self._camera.GetNodeMap()
             for key, value in settings.items():
-                self._set(nodes, key, value)
-            self._ticks = _number(nodes, "GevTimestampTickFrequency", _TICKS)
+                self._set_node(nodes, key, value)
+            self._ticks = _node_value(nodes, "GevTimestampTickFrequency", _TICKS)
             self._camera.StartGrabbing(pylon.GrabStrategy_LatestImageOnly)
         except BaseException as error:
             self._camera.Close()
@@ -45,7 +45,7 @@ class _Basler:
                 raise SourceError(f"{name} cannot be started: {driver_message(error)}") from None
             raise
 
-    def _set(self, nodes: Any, key: str, value: str) -> None:
+    def _set_node(self, nodes: Any, key: str, value: str) -> None:
         try:
             node = nodes.GetNode(key)
         except self._pylon.GenericException:
@@ -73,7 +73,7 @@ class _Basler:
                 check_size(width, height, f"an image of {self._name}")
                 form = genicam_format(self._camera.PixelFormat.Value)
                 data = np.frombuffer(result.GetBuffer(), np.uint8)
-                step = 0 if form.packed else _bytes_of_row(width * form.channels * form.dtype().itemsize, result)
+                step = 0 if form.packed else _bytes_of_row(width * form.channels * form.value_type().itemsize, result)
                 image = to_image(raw_image(data, width, height, form, step), form)
                 stamp = result.GetTimeStamp()
         except pylon.GenericException as error:
@@ -89,14 +89,14 @@ def _bytes_of_row(row: int, result: Any) -> int:
     return row + int(result.GetPaddingX())
 
 
-def _number(nodes: Any, key: str, otherwise: float) -> float:
+def _node_value(nodes: Any, key: str, otherwise: float) -> float:
     try:
         return float(nodes.GetNode(key).ToString()) or otherwise
     except Exception:  # a node that is absent, or not readable now
         return otherwise
 
 
-def _load() -> Any:
+def _import_pylon() -> Any:
     return import_extra("pypylon.pylon", "pylon", "a camera of Basler's")
 
 
@@ -108,7 +108,7 @@ def attached_pylon() -> list[Attached]:
     """
     return [
         Attached("pylon", device.GetSerialNumber(), device.GetModelName())
-        for device in _load().TlFactory.GetInstance().EnumerateDevices()
+        for device in _import_pylon().TlFactory.GetInstance().EnumerateDevices()
     ]
 
 
@@ -123,7 +123,7 @@ def open_pylon(spec: str, fps: float | None = None, settings: Mapping[str, str] 
     Raises:
         InputError: pypylon is not installed. SourceError, while iterating: no such camera, in use, or a wrong setting.
     """
-    pylon = _load()
+    pylon = _import_pylon()
     address = parse_address(spec, settings)
     patience = take_patience(address.settings)
     name = f"camera {address.where}" if address.where else "the pylon camera"

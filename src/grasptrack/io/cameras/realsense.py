@@ -72,11 +72,11 @@ class _RealSense:
         self._pipeline.stop()
 
 
-def _load() -> Any:
+def _import_realsense() -> Any:
     return import_extra("pyrealsense2", "realsense", "a RealSense camera")
 
 
-def _devices(rs: Any) -> list[tuple[str, str]]:
+def _attached_devices(rs: Any) -> list[tuple[str, str]]:
     """Serial number and model of each."""
     info = rs.camera_info
     return [(d.get_info(info.serial_number), d.get_info(info.name)) for d in rs.context().query_devices()]
@@ -88,7 +88,7 @@ def attached_realsense() -> list[Attached]:
     Raises:
         InputError: pyrealsense2 is not installed.
     """
-    return [Attached("realsense", serial, model) for serial, model in _devices(_load())]
+    return [Attached("realsense", serial, model) for serial, model in _attached_devices(_import_realsense())]
 
 
 def open_realsense(spec: str, fps: float | None = None, settings: Mapping[str, str] | None = None) -> LiveSource:
@@ -104,7 +104,7 @@ def open_realsense(spec: str, fps: float | None = None, settings: Mapping[str, s
         InputError: pyrealsense2 is not installed.
         SourceError: a wrong setting; while iterating, no such camera, in use, or no such size or option.
     """
-    rs = _load()
+    rs = _import_realsense()
     address = parse_address(spec, settings)
     more = address.settings
     patience, size, rate = take_patience(more), take_size(more), take_number(more, "fps", 0.0)
@@ -114,7 +114,7 @@ def open_realsense(spec: str, fps: float | None = None, settings: Mapping[str, s
     name = f"camera {address.where}" if address.where else "the RealSense camera"
 
     def open_device() -> _RealSense:
-        serials = [serial for serial, _ in _devices(rs)]
+        serials = [serial for serial, _ in _attached_devices(rs)]
         serial = serials[choose_serial(spec, address.where, serials)]
         return _RealSense(rs, serial, name, stream, size, rate, more)
 

@@ -38,16 +38,16 @@ class _Webcam:
             if not self._camera.isOpened():
                 raise SourceError(f"{name} cannot be opened: it is missing or in use", camera=which)
             self._camera.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-            self._apply(settings)
+            self._apply_settings(settings)
             if rate:
                 self._camera.set(cv2.CAP_PROP_FPS, rate)
             if size is not None:
-                self._resize(*size)
+                self._set_size(*size)
         except BaseException:
             self._camera.release()
             raise
 
-    def _apply(self, settings: Mapping[str, str]) -> None:
+    def _apply_settings(self, settings: Mapping[str, str]) -> None:
         """Settings by OpenCV's names without CAP_PROP_; the format of four letters goes first, for it decides the rest."""
         import cv2
 
@@ -66,7 +66,7 @@ class _Webcam:
             if not self._camera.set(prop, value):
                 raise SourceError(f"{self._name} does not take {key}={text}", name=key)
 
-    def _resize(self, width: int, height: int) -> None:
+    def _set_size(self, width: int, height: int) -> None:
         import cv2
 
         self._camera.set(cv2.CAP_PROP_FRAME_WIDTH, width)

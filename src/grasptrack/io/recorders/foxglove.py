@@ -84,28 +84,28 @@ class FoxgloveRecording:
         image = self._messages.CompressedImage(timestamp=at, frame_id=_FRAME, data=data, format=form)
         self._images.log(image, log_time=stamp)
         self._results.log(result_fields(frame, result), log_time=stamp)
-        self._annotations.log(self._drawn(result, at), log_time=stamp)
+        self._annotations.log(self._image_annotations(result, at), log_time=stamp)
         self._largest = max(self._largest, frame.image.nbytes)
         with self._errors_of_the_file():
             self._writer.flush()
 
-    def _drawn(self, result: TrackResult, at: Any) -> Any:
+    def _image_annotations(self, result: TrackResult, at: Any) -> Any:
         m = self._messages
         colour = m.Color(**dict(zip("rgb", (part / 255.0 for part in STATUS_RGB[result.status]), strict=True)), a=1.0)
         white = m.Color(r=1.0, g=1.0, b=1.0, a=1.0)
 
-        def loop(points: Floats, color: Any) -> Any:
+        def closed_line(points: Floats, color: Any) -> Any:
             return m.PointsAnnotation(
                 timestamp=at,
                 type=m.PointsAnnotationType.LineLoop,
-                points=self._points(points),
+                points=self._foxglove_points(points),
                 outline_color=color,
                 thickness=_THICKNESS,
             )
 
-        loops = [loop(c.points, colour) for c in (() if result.view is None else result.view.contours)]
-        loops += [loop(ellipse, white) for ellipse in covariance_ellipses(result)]
-        contacts = [] if result.contacts is None else self._points(result.contacts)
+        loops = [closed_line(c.points, colour) for c in (() if result.view is None else result.view.contours)]
+        loops += [closed_line(ellipse, white) for ellipse in covariance_ellipses(result)]
+        contacts = [] if result.contacts is None else self._foxglove_points(result.contacts)
         circles = [
             m.CircleAnnotation(timestamp=at, position=p, diameter=8.0, thickness=_THICKNESS, outline_color=colour)
             for p in contacts
@@ -116,7 +116,7 @@ class FoxgloveRecording:
         )
         return m.ImageAnnotations(circles=circles, points=loops, texts=[text])
 
-    def _points(self, points: Floats) -> list[Any]:
+    def _foxglove_points(self, points: Floats) -> list[Any]:
         """In Foxglove's px, which count from the corner of the first pixel."""
         point = self._messages.Point2
         return [point(x=x, y=y) for x, y in (points + HALF).tolist()]

@@ -74,7 +74,7 @@ class RerunRecording:
         log(STATUS, rr.StateChange(state=result.status))
         log(f"{STATUS}/text", rr.TextLog(status_line(result)))
         for name in _PLOTTED:
-            if math.isfinite(value := NAMED[name].shown(result)):
+            if math.isfinite(value := NAMED[name].shown_value(result)):
                 log(f"{NUMBERS}/{name}", rr.Scalars(value))
 
     def close(self) -> None:

@@ -39,15 +39,16 @@ class Pinhole:
         target: what lies in the plane.
         theta: (3,) log of the focal length in image widths, and the first view's normal (theta_1, theta_2, 1).
         width, height: px of the image.
+        aspect: width of a px for each unit of its height.
 
     Attributes:
         valid: whether it shows the reference view: the plane before the camera, and all maps invertible.
     """
 
-    def __init__(self, target: Target, theta: Floats, width: float, height: float) -> None:
+    def __init__(self, target: Target, theta: Floats, width: float, height: float, aspect: float = 1.0) -> None:
         f = width * np.exp(theta[0])
-        self.K = np.array([[f, 0.0, width / 2], [0.0, f, height / 2], [0.0, 0.0, 1.0]])
-        self.back = np.array([[1 / f, 0.0, -width / (2 * f)], [0.0, 1 / f, -height / (2 * f)], [0.0, 0.0, 1.0]])
+        self.K = np.array([[f, 0.0, width / 2], [0.0, aspect * f, height / 2], [0.0, 0.0, 1.0]])
+        self.back = np.linalg.inv(self.K)
         normal = _unit_vector(np.array([theta[1], theta[2], 1.0]))
         first = _unit_vector(np.array([normal[2], 0.0, -normal[0]]))
         ray = self.back @ (target.A @ np.array([*target.centre, 1.0]))
@@ -89,19 +90,18 @@ class Pinhole:
         return np.where(np.isfinite(offset), np.maximum(offset, 0.0) / THICK, 0.0)
 
 
-def pinhole_rows(target: Target, G: Floats, theta: Floats, width: float, height: float) -> PinholeRows:
+def pinhole_rows(
+    target: Target, G: Floats, theta: Floats, width: float, height: float, aspect: float = 1.0
+) -> PinholeRows:
     """How far the pose G (3, 3) is from a view of a rigid plane, and how that changes; `theta` as in `Pinhole`."""
-    camera = Pinhole(target, theta, width, height)
+    camera = Pinhole(target, theta, width, height, aspect)
     if not camera.valid:
         return PinholeRows(False, np.full(2, np.nan), np.zeros((2, 8)), np.zeros((2, 3)))
     misfit = camera.misfit(G)
     by_pose = [camera.misfit(target.moved(G, d)) - misfit for d in POSE_STEP * np.eye(8)]
-    by_camera = [Pinhole(target, theta + d, width, height).misfit(G) - misfit for d in CAMERA_STEP * np.eye(3)]
+    by_camera = [Pinhole(target, theta + d, width, height, aspect).misfit(G) - misfit for d in CAMERA_STEP * np.eye(3)]
     return PinholeRows(
-        bool(np.isfinite(misfit).all()),
-        misfit,
-        np.array(by_pose).T / POSE_STEP,
-        np.array(by_camera).T / CAMERA_STEP,
+        bool(np.isfinite(misfit).all()), misfit, np.array(by_pose).T / POSE_STEP, np.array(by_camera).T / CAMERA_STEP
     )
 
 

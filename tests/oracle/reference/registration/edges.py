@@ -226,13 +226,7 @@ class EdgeLikelihoods(NamedTuple):
 
 
 def edge_likelihoods(
-    target: Target,
-    view: Candidates,
-    shift: Floats,
-    low: Floats,
-    low_variance: Floats,
-    P: Floats,
-    numbers: EdgeNumbers,
+    target: Target, view: Candidates, shift: Floats, low: Floats, low_variance: Floats, P: Floats, numbers: EdgeNumbers
 ) -> EdgeLikelihoods:
     """What the candidates of all samples say.
 

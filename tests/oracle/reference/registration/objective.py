@@ -63,6 +63,7 @@ class Start:
     reach: float
     edge_width: float
     blur_share: float
+    aspect: float
 
 
 class Term(NamedTuple):
@@ -114,7 +115,7 @@ class Objective:
         )  # fmt: skip
         self.light = surface_light(target, pyramid, G, Light(start.gain, start.bias))
         self.places = self._seen_at(target.points, target.jacobian(target.points))
-        camera = Pinhole(target, start.nuisance[1:], *self.size)
+        camera = Pinhole(target, start.nuisance[1:], *self.size, start.aspect)
         # sides that the first view showed count the other way
         self.parallax = camera.lower_face(target, G) - camera.lower_face(target, target.A)
         nuisance, spread, P = start.nuisance, start.nuisance_covariance, None
@@ -152,7 +153,7 @@ class Objective:
                 eye[6:8], self.perspective(self.G), np.eye(2) / (n["perspective"] * target.radius) ** 2
             ),
         }
-        pin = pinhole_rows(target, self._all_at_once(self.G), nuisance[1:], *self.size)
+        pin = pinhole_rows(target, self._all_at_once(self.G), nuisance[1:], *self.size, self.start.aspect)
         if pin.valid:
             J = np.column_stack([pin.by_pose, np.zeros(2), pin.by_camera])
             rest = pin.misfit - pin.by_camera @ nuisance[1:]
@@ -247,7 +248,7 @@ class Objective:
         if name == "perspective":
             return self.perspective(G)
         if name == "pinhole":
-            camera = Pinhole(self.target, self.theta, *self.size)
+            camera = Pinhole(self.target, self.theta, *self.size, self.start.aspect)
             return self.terms["pinhole"].J[:, 9:] @ self.theta - camera.misfit(self._all_at_once(G))
         if name == "texture":
             return self.matches(G).shift.ravel()

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.kernels import LEAST_HALF_WIDTH, MOST_HALF_WIDTH
-from grasptrack.kernels.results import FusedPose, PinholeMisfit, PlacedContacts, StrongestEdges
+from grasptrack.kernels.results import FusedPose, PinholeMisfit, PlacedContacts, RepeatedPatches, StrongestEdges
 from grasptrack.typing import Floats
 from reference.registration.edges import edge_width, find_candidates, sample_profiles
 from reference.registration.objective import FARTHEST
@@ -201,6 +201,8 @@ class PoseTarget:
         reach: float,
         edge_width: float,
         blur_share: float,
+        lag: Floats,
+        aspect: float,
     ) -> PoseEstimate:
         """The pose near a hypothesis that image, prior and camera model agree on.
 
@@ -219,9 +221,29 @@ class PoseTarget:
             reach: work px within which edges are looked for first, at most 1000; 0: by the covariance.
             edge_width: work px, standard deviation of an edge at rest.
             blur_share: of what moved across an edge since the last image: half of its blur.
+            lag: (8,) variances of an error of the pose that all patches share; where infinite the texture is only looked at.
+            aspect: width of a pixel for each unit of its height.
 
         Raises:
             ValueError: a length is none, or what is hidden is of another size.
+        """
+
+    def unsure(self, estimate: PoseEstimate, other: PoseEstimate, probability: float) -> PoseEstimate:
+        """An estimate whose covariances are those of its mixture with another one, which is right with a probability.
+
+        Raises:
+            ValueError: there is no way from one pose to the other.
+        """
+
+    def repeats(self, before: Sequence[Grey], last: Floats, levels: Sequence[Grey], G: Floats) -> RepeatedPatches:
+        """How much motion changes the patches of the finest levels, and how far those moved that look as if they had not.
+
+        Args:
+            before, last: pyramid of the last image, and the pose (3, 3) in it.
+            levels, G: pyramid of this one, and the pose (3, 3) in it.
+
+        Raises:
+            ValueError: as of `solve`; the images differ in size.
         """
 
     def follow(
@@ -263,13 +285,14 @@ class PoseTarget:
             Their squared Mahalanobis distance, infinite where they have none; pose and covariance, the first ones then.
         """
 
-    def pinhole(self, G: Floats, theta: Floats, width: float, height: float) -> PinholeMisfit:
+    def pinhole(self, G: Floats, theta: Floats, width: float, height: float, aspect: float) -> PinholeMisfit:
         """How far a pose is from a pinhole's view of a rigid plane.
 
         Args:
             G: (3, 3).
             theta: (3,) the last three of `nuisance` of `solve`.
             width, height: px of the image.
+            aspect: as of `solve`.
 
         Returns:
             (2,) cosine of the angle of the plane's axes and log of the ratio of their lengths, both 0 in such a view, NaN where
