@@ -41,6 +41,7 @@ PATIENCE = 60.0
 RECORDED_AS = (".mcap", ".mp4")
 ROUND = (1.5, 4.0)
 """s of a round."""
+ROUNDS = 4
 MOST_CLIENTS = 3
 FONT = ".ttf"
 """Matplotlib keeps fonts open for each thread that has drawn, 64 at most."""
@@ -205,7 +206,7 @@ class Run:
 
 
 def run(seconds: float, seed: int, suffix: str) -> LongLive:
-    """Play a session for so long.
+    """Play a session for so long, and for ROUNDS at least, however slow the machine is.
 
     Args:
         seconds: s.
@@ -218,7 +219,7 @@ def run(seconds: float, seed: int, suffix: str) -> LongLive:
         live = Run(Path(folder), images, suffix, np.random.default_rng(seed))
         held: list[Held] = []
         until = time.monotonic() + seconds
-        while time.monotonic() < until:
+        while time.monotonic() < until or len(held) < ROUNDS:
             live.go_round()
             held.append(live.rest(held[len(held) // 4] if held else None))
         live.close()

