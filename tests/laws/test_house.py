@@ -11,11 +11,11 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 38_080,
+    "src/grasptrack": 38_070,
     "src/grasptrack/tracking": 6_660,
     "src/grasptrack/servo": 4_960,
     "src/grasptrack/io": 4_890,
-    "src/grasptrack/segmentation": 3_845,
+    "src/grasptrack/segmentation": 3_835,
     "src/grasptrack/cli": 2_830,
     "src/grasptrack/live": 2_320,
     "src/grasptrack/view": 2_070,
@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_380,
     "research": 8_900,
     "native": 6_850,
-    "tests": 41_485,
+    "tests": 41_475,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 203

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from grasptrack.errors import ObservationError
-from grasptrack.first_image import FirstImage
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.first_look import find_candidates
 from grasptrack.segmentation.proposals import MIN_EXTENT
@@ -21,7 +20,6 @@ LIGHT, DARK_GROUND = (
     brushed_texture(3, colour=(190, 195, 200), extent=4.0, contrast=0.0),
     plain_texture(3, colour=(45, 45, 45), contrast=0.0),
 )
-NEARLY_PLAIN = plain_texture(4, colour=(170, 170, 170), contrast=0.0)
 PLAIN, DULL = plain_texture(2, contrast=0.0), brushed_texture(1, extent=4.0, contrast=0.0)
 
 
@@ -62,15 +60,6 @@ def test_equals_side_by_side_are_two_objects(gap: float) -> None:
     beside = [pose(x=160.0 + side * 0.5 * (75.0 + gap)) for side in (-1, 1)]
     image = photo([(SHAPES["square"](), H) for H in beside], ground=PLAIN)
     assert np.ptp(segment_object(image).outer.points[:, 0]) < 80.0
-
-
-def test_given_contacts_say_which_of_many_is_meant() -> None:
-    H, bean = pose(60.0, 60.0, scale=40.0), SHAPES["bean"]()
-    others = [(SHAPES["key"](), pose(220.0, 80.0, 30.0)), (SHAPES["gear"](), pose(200.0, 190.0, scale=45.0))]
-    image = np.minimum(photo([(bean, H)], ground=PLAIN, surface=NEARLY_PLAIN), photo(others, ground=PLAIN))
-    contacts = apply_homography(H, bean.polygons[0])[[0, 60]]
-    found = find_candidates(image, FirstImage.of(grasp=contacts))
-    assert distances(contacts, found[0].view.outer.points).max() < 1.5
 
 
 @pytest.mark.parametrize("light", [False, True])

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
@@ -12,7 +11,6 @@ import numpy as np
 
 from grasptrack.errors import InputError, ObservationError
 from grasptrack.first_image import FirstImage
-from grasptrack.grasp.force_closure import ON_OUTLINE
 from grasptrack.segmentation.background import background_maps
 from grasptrack.segmentation.candidate import (
     Candidate,
@@ -117,11 +115,7 @@ class CandidateSearch:
         if self._said.outline is not None:
             return [self._drawn_candidate(self._said.outline)]
         rated = self._rate_meant()
-        found = self._with_probabilities(self._localize_all(rated), rated)
-        if not found and self._said.grasp is not None:  # what lies nearest to the contacts is told with its distance
-            self._said = replace(self._said, grasp=None)
-            return self.best_candidates()
-        return found
+        return self._with_probabilities(self._localize_all(rated), rated)
 
     def compared_proposals(self) -> list[OutlineProposal]:
         """The best rated proposals of the image and of those that are meant, of a segmenter's as many."""
@@ -197,8 +191,7 @@ class CandidateSearch:
         taken = np.zeros(self._scene.grey.shape, np.uint8)
         looked = cut = 0
         own = max((r.proposal.rating.score for r in rated if r.proposal.recipe != GIVEN), default=0.0)
-        chance = MIN_RATING if self._said.grasp is None else 0.0  # contacts say that something is there
-        least = 0.0 if self._alone else max(chance, CLUTTER * own)
+        least = 0.0 if self._alone else max(MIN_RATING, CLUTTER * own)
         cost = CONTOUR + CONTOUR_AREA.of(self._scene.grey.size)
         for each in rated:
             p = each.proposal
@@ -273,13 +266,9 @@ class CandidateSearch:
 
 
 def is_allowed(shape: Silhouette, said: FirstImage) -> bool:
-    """Whether a region covers all pixels on the object and none beside it, bears the contacts, and fills a box in part."""
+    """Whether a region covers all pixels on the object, none beside it, and fills a box at least in part."""
     if any(shape.depth_at(*at) < -CLICK_MARGIN for at in said.object_at):
         return False
-    if said.grasp is not None:
-        beside = max(ON_OUTLINE * math.sqrt(shape.area), CLICK_MARGIN)
-        if any(shape.depth_at(x, y) < -beside for x, y in said.grasp.contacts.tolist()):
-            return False
     if any(shape.depth_at(*at) > 0.0 for at in said.not_at):
         return False
     return said.box is None or box_iou(shape.box, said.box) > MIN_BOX_OVERLAP

@@ -95,7 +95,7 @@ def _view_of(scene: FirstScene, observer: OutlineDetector) -> InspectedView:
     if candidate is None:
         raise ObservationError(reason)
     grey, found = observer.choose_object(candidate), chosen.found
-    if wish.said.is_pointed_at or wish.said.grasp is not None:  # only one place in the image was looked at
+    if wish.said.is_pointed_at:  # only one place in the image was looked at
         try:
             found = observer.find_objects(FirstImage(masked=masked))
         except ObservationError:
