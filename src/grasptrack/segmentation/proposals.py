@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from grasptrack.first_image import FirstImage
 from grasptrack.images import PLAIN, Grey
 from grasptrack.segmentation.closed_edges import RECIPES, ClosedEdgeSegmenter, NormalizedGradient, lab_planes
+from grasptrack.segmentation.localization import ALIKE as GROUND_ALIKE
+from grasptrack.segmentation.localization import HOLE_CONTRAST
 from grasptrack.segmentation.quadrangles import find_quadrangles
 from grasptrack.segmentation.silhouettes import (
     Silhouette,
@@ -50,9 +52,9 @@ alike; ..."""
 ALIKE = 0.06
 """... but where box and area differ by less than this share of the size, both are the same region, and a threshold is
 simpler; ..."""
-GROUND_SHARE, NEAR_GROUND = 0.75, 0.25
-"""... and where most of what closed edges add, this share, is as good as ground, within this share of its contrast to the
-object, they bridged a gap, as between the tines of a fork: then the factor is theirs."""
+GROUND_SHARE = 0.5
+"""... and where most of what closed edges add looks like the ground in a hole does, they bridged a gap, as between tines: then
+the factor is theirs."""
 GAP_MARGIN = 10
 """px of the reduced image around a region in which the ground's colour is measured."""
 GAP_DEPTH, MIN_GAP, OUTSIDE = 4, 8, 0.05
@@ -352,8 +354,9 @@ def _adds_ground(part: Silhouette, whole: Silhouette, scene: PreparedImage) -> b
         return False
     ground = np.median(colours[around], axis=0)
     contrast = float(np.linalg.norm(np.median(colours[inside], axis=0) - ground))
-    away = np.linalg.norm(colours[more] - ground, axis=1)
-    return float(np.mean(away < NEAR_GROUND * contrast)) > GROUND_SHARE
+    away = np.linalg.norm(colours - ground, axis=2)
+    near_ground = min(HOLE_CONTRAST * contrast, GROUND_ALIKE * max(float(np.median(away[around])), 1.0))
+    return float(np.mean(away[more] < near_ground)) > GROUND_SHARE
 
 
 def _box_middle(box: Box | None) -> Point | None:
