@@ -128,9 +128,14 @@ struct Light {
     double gain = 1, bias = 0;
 };
 
-// Robust gain and bias of the object's surface, reference to current. Where much is covered, the cover is what fits most:
-// the light of before, as far as it still explains some of the surface, is believed rather than a jump of the light.
-GRASPTRACK_WIDE inline Light surface_light(const Target &target, const Pyramid &pyramid, const Homography &G, const Light &before) {
+// Robust gain and bias of the object's surface, reference to current: as before, and, where that explains little of it, after a
+// jump. Where much is covered, the cover is what fits most: which of both is right the surface alone does not tell.
+struct SurfaceLight {
+    Light same, fresh;
+    bool may_have_jumped = false;
+};
+
+GRASPTRACK_WIDE inline SurfaceLight surface_light(const Target &target, const Pyramid &pyramid, const Homography &G, const Light &before) {
     std::vector<double> x, y;
     for (std::size_t i = 0; i < target.surface.size(); ++i) {
         const Point p = target.surface[i], q = carried(G, p.x, p.y);
@@ -139,7 +144,7 @@ GRASPTRACK_WIDE inline Light surface_light(const Target &target, const Pyramid &
         y.push_back(pyramid[0].at(q.x, q.y));
     }
     const std::size_t n = x.size();
-    if (n < 30) return before;
+    if (n < 30) return {before, before};
     const auto spread = [n](const std::vector<double> &v) {
         double m = 0, s = 0;
         for (double a : v) m += a;
@@ -185,7 +190,7 @@ GRASPTRACK_WIDE inline Light surface_light(const Target &target, const Pyramid &
     fresh.bias = middle(rest);
     fresh = refined(fresh);
     const Light same = refined(before);
-    return jump * explained(fresh) > explained(same) ? fresh : same;
+    return {same, fresh, jump * explained(fresh) > explained(same)};
 }
 
 struct EdgeView {

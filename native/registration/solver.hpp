@@ -83,7 +83,8 @@ class Solver {
             add_rows<8>(system.A, system.b, texture.information, texture.gradient);
             add_rows<8>(A, b, texture.information, texture.gradient);
             if (!invert<8>(A, P)) return out;
-            out.light = surface_light(target_, pyramid_, G, start_.light);
+            const SurfaceLight light = surface_light(target_, pyramid_, G, start_.light);
+            out.light = light.may_have_jumped ? light.fresh : light.same;
             Matrix<9> scatter{};
             if (edges) {
                 if (reach == 0 || round == 0) {
@@ -92,6 +93,13 @@ class Solver {
                 }
                 const std::vector<int> half = half_widths(G);
                 view_ = measure_edges(target_, pyramid_, G, places_, reach, half, out.light, 46);
+                if (light.may_have_jumped) {  // or most of it is covered: by the outline's inner side
+                    EdgeView before = measure_edges(target_, pyramid_, G, places_, reach, half, light.same, 46);
+                    if (explain_edges(before, G, P, nuisance[0], spread[0]) > explain_edges(view_, G, P, nuisance[0], spread[0])) {
+                        view_ = std::move(before);
+                        out.light = light.same;
+                    }
+                }
                 if (!fit_edges(round == 0 ? 3 : 4, G, times<8>(P, b), P, nuisance[0], spread[0], system, scatter, out)) return out;
             }
             if (!invert<unknowns>(system.A, all)) return out;
@@ -284,6 +292,23 @@ class Solver {
     double stay() const { return std::exp(-1.0 / (numbers_.stretch * static_cast<double>(target_.points.size()))); }
     EdgeNumbers edge_numbers() const {
         return {numbers_.edge_missed, numbers_.same_sign, numbers_.edge_floor, start_.inner_spread, numbers_.other_spread, start_.sides};
+    }
+
+    // Log-likelihood ratio of edges about a pose, P of its error, against clutter; h, vh: of the thickness.
+    double explain_edges(const EdgeView &view, const Homography &G, const Matrix<8> &P, double h, double vh) {
+        const std::vector<double> parallax = lower_face(G);
+        const std::size_t n = parallax.size();
+        std::vector<double> none(n, 0.0), low(n), variance(n);
+        for (std::size_t i = 0; i < n; ++i) {
+            low[i] = parallax[i] * h;
+            variance[i] = parallax[i] * parallax[i] * vh;
+        }
+        edge_odds(target_, view, edge_numbers(), odds_);
+        edge_likelihoods(target_, view, odds_, none, low, variance, P, edge_numbers(), likelihoods_);
+        explained_.resize(n);
+        for (std::size_t i = 0; i < n; ++i) explained_[i] = {std::pow(likelihoods_.object[i], power_), 1.0, std::pow(odds_.other[i], power_)};
+        explain(explained_, shares(), stay(), true, 1.0, chain_);
+        return chain_.log_likelihood;
     }
 
     // Edges and thickness, by expectation and maximisation: which candidate, then the pose, `rounds` times at most. Their rows are added to

@@ -85,18 +85,9 @@ inline void Solver::judge(Solution &out, bool edges, double h, double vh) {
     if (edges) {
         const int reach = whole(numbers_.wide * 2 * target_.radius, 0, farthest);
         view_ = measure_edges(target_, pyramid_, out.G, places_, reach, half_widths(out.G), out.light, 46, true);
-        const std::vector<double> parallax = lower_face(out.G), none(n, 0.0);
-        std::vector<double> low(n), variance(n);
-        for (std::size_t i = 0; i < n; ++i) {
-            low[i] = parallax[i] * h;
-            variance[i] = parallax[i] * parallax[i] * vh;
-        }
-        edge_odds(target_, view_, edge_numbers(), odds_);
-        edge_likelihoods(target_, view_, odds_, none, low, variance, out.P, edge_numbers(), likelihoods_);
+        const std::vector<double> parallax = lower_face(out.G);
+        const double likely = explain_edges(view_, out.G, out.P, h, vh);
         const EdgeLikelihoods &found = likelihoods_;
-        explained_.resize(n);
-        for (std::size_t i = 0; i < n; ++i) explained_[i] = {std::pow(found.object[i], power_), 1.0, std::pow(odds_.other[i], power_)};
-        explain(explained_, shares(), stay(), true, 1.0, chain_);
         const Chain &here = chain_;
         for (States &state : explained_) state[0] = 1.0;
         std::vector<double> upper(n);
@@ -107,13 +98,14 @@ inline void Solver::judge(Solution &out, bool edges, double h, double vh) {
         for (double &value : share) value /= total;
         Chain without;
         explain(explained_, share, stay(), false, 1.0, without);
-        out.log_odds = here.log_likelihood - without.log_likelihood;
+        out.log_odds = likely - without.log_likelihood;
         const double allowed = std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius);
         const double sigma = allowed / 2;  // two standard deviations are as much as a contact may be off
         double elsewhere = 0, astray = 0, as_lower = 0, as_either = 0;
         for (std::size_t i = 0; i < n; ++i) {
-            as_lower += std::abs(low[i]) * here.posterior[i][0] * found.lower[i];
-            as_either += std::abs(low[i]) * here.posterior[i][0] * (found.upper[i] + found.lower[i]);
+            const double low = std::abs(parallax[i] * h);
+            as_lower += low * here.posterior[i][0] * found.lower[i];
+            as_either += low * here.posterior[i][0] * (found.upper[i] + found.lower[i]);
             out.visible[i] = here.posterior[i][0] * (found.upper[i] + found.lower[i]);
             upper[i] = here.posterior[i][0] * found.upper[i];
             out.occluded[i] = here.posterior[i][1];

@@ -11,11 +11,11 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 38_035,
+    "src/grasptrack": 38_072,
     "src/grasptrack/tracking": 6_660,
     "src/grasptrack/servo": 4_960,
     "src/grasptrack/io": 4_890,
-    "src/grasptrack/segmentation": 3_800,
+    "src/grasptrack/segmentation": 3_835,
     "src/grasptrack/cli": 2_830,
     "src/grasptrack/live": 2_320,
     "src/grasptrack/view": 2_070,

@@ -15,7 +15,7 @@ from grasptrack_bench.simulation import SHAPES, brushed_texture, plain_texture
 from outlines import segment_object
 from stages import EVEN, HEIGHT, WIDTH, photo, pose
 
-BRACKET, GASKET, PLATE, DISC = (SHAPES[n]() for n in ("bracket", "gasket", "notched-plate", "disc"))
+BRACKET, GASKET, PLATE, DISC, FORK = (SHAPES[n]() for n in ("bracket", "gasket", "notched-plate", "disc", "fork"))
 LIGHT, DARK_GROUND = (
     brushed_texture(3, colour=(190, 195, 200), extent=4.0, contrast=0.0),
     plain_texture(3, colour=(45, 45, 45), contrast=0.0),
@@ -44,6 +44,22 @@ def test_the_outline_is_right_to_a_tenth_of_a_pixel(shape, light: bool) -> None:
     for hole in view.contours[1:]:
         nearest = min(truth[1:], key=lambda p: float(np.hypot(*(p.mean(axis=0) - hole.points.mean(axis=0)))))
         assert np.sqrt(np.mean(distances(hole.points, nearest) ** 2)) < 0.15
+
+
+@pytest.mark.parametrize("light", [False, True])
+@pytest.mark.parametrize("scale, degrees", [(60.0, 140.0), (75.0, 20.0), (75.0, 140.0)])
+def test_gaps_that_closed_edges_bridge_stay_open(light: bool, scale: float, degrees: float) -> None:
+    H = pose(degrees=degrees, scale=scale, tilt=30.0)
+    ground, surface = (DARK_GROUND, LIGHT) if light else (PLAIN, DULL)
+    view = segment_object(photo([(FORK, H)], ground=ground, surface=surface))
+    assert distances(apply_homography(H, FORK.polygons[0]), view.outer.points).max() < 3.0
+
+
+@pytest.mark.parametrize("gap", [7.0, 9.0, 11.0])
+def test_equals_side_by_side_are_two_objects(gap: float) -> None:
+    beside = [pose(x=160.0 + side * 0.5 * (75.0 + gap)) for side in (-1, 1)]
+    image = photo([(SHAPES["square"](), H) for H in beside], ground=PLAIN)
+    assert np.ptp(segment_object(image).outer.points[:, 0]) < 80.0
 
 
 @pytest.mark.parametrize("light", [False, True])

@@ -16,7 +16,7 @@ from grasptrack.errors import ContourError
 from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.images import PLAIN, Grey, to_bgr
-from grasptrack.segmentation.candidate import Candidate, candidate_of_one_level, is_plausible_object
+from grasptrack.segmentation.candidate import Candidate, candidate_of_one_level, is_plausible_object, is_same_region
 from grasptrack.segmentation.closed_edges import ObjectClosing, lab_planes
 from grasptrack.segmentation.first_look import find_candidates
 from grasptrack.segmentation.localization import localize_contour
@@ -56,8 +56,8 @@ MAX_GROWTH = 2.5
 """An area that differs from the expected one by more than this factor belongs to another object."""
 MAX_ZOOM = 16.0
 """The same after a loss."""
-SAME_AREA, SAME_PLACE = 0.03, 0.02
-"""Shares by which area and place, in sqrt(area), of one outline differ at different thresholds."""
+SAME_PLACE = 0.02
+"""Share of sqrt(area) by which places of one outline differ at different thresholds, see `is_same_region`."""
 
 Unlikeness = Callable[[Silhouette], float]
 """How much a silhouette's shape differs from the object's; infinite for another object."""
@@ -110,7 +110,7 @@ class _Search:
         """Those that are not at the place of one that was seen before, which are seen now."""
         found = []
         for view in views:
-            if not any(_is_same_place(view, other) for other in self.seen):
+            if not any(is_same_region(view, other, SAME_PLACE) for other in self.seen):
                 self.seen.append(view)
                 found.append(view)
         return found
@@ -361,14 +361,6 @@ def _edge_sharpness(view: View) -> float:
     """Median gradient of the outer contour's edges, grey levels per px."""
     strength = view.outer.strength
     return math.nan if strength is None else max(float(np.median(strength)), 1.0)
-
-
-def _is_same_place(one: View, other: View) -> bool:
-    """Whether two outlines show the same object at different thresholds."""
-    area = other.outer.area
-    x, y = (one.outer.points.mean(axis=0) - other.outer.points.mean(axis=0)).tolist()
-    alike = 1.0 - SAME_AREA < one.outer.area / area < 1.0 + SAME_AREA
-    return alike and math.hypot(x, y) < SAME_PLACE * math.sqrt(area)
 
 
 def _most_alike(shapes: list[Silhouette], area: float, x: float, y: float) -> Silhouette | None:

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Silhouettes that may be objects: whoever proposes some follows one protocol, and one rating judges all alike."""
+"""Silhouettes that may be objects, by several ways of looking; one rating judges all alike."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
 from itertools import chain
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,6 +15,8 @@ from numpy.typing import NDArray
 from grasptrack.first_image import FirstImage
 from grasptrack.images import PLAIN, Grey
 from grasptrack.segmentation.closed_edges import RECIPES, ClosedEdgeSegmenter, NormalizedGradient, lab_planes
+from grasptrack.segmentation.localization import ALIKE as GROUND_ALIKE
+from grasptrack.segmentation.localization import HOLE_CONTRAST
 from grasptrack.segmentation.quadrangles import find_quadrangles
 from grasptrack.segmentation.silhouettes import (
     Silhouette,
@@ -45,12 +46,20 @@ PER_THRESHOLD, PER_MAP_LEVEL = 8, 4
 """Silhouettes that are examined closely, the largest first."""
 MAP_LEVELS = (0.06, 0.15, 0.3, 0.5, 0.7, 0.85)
 """Levels at which a segmenter's map is cut: thin parts of an object fade in it."""
-ONE_LEVEL = 0.9
+LESS_LIKELY = 0.9
 """Factor on the rating of thresholds, which leave out parts of another grey: closed edges are preferred if both rate
 alike; ..."""
 ALIKE = 0.06
 """... but where box and area differ by less than this share of the size, both are the same region, and a threshold is
-simpler."""
+simpler; ..."""
+GROUND_SHARE = 0.5
+"""... and where most of what closed edges add looks like the ground in a hole does, they bridged a gap, as between tines: then
+the factor is theirs."""
+GAP_MARGIN = 10
+"""px of the reduced image around a region in which the ground's colour is measured."""
+GAP_DEPTH, MIN_GAP, OUTSIDE = 4, 8, 0.05
+"""px of the reduced image beside a region that are looked at; px of them that show a colour; and the share of a region that may
+lie beyond another one that holds it."""
 MIN_SIZE = 20.0
 """px, square root of the area, that regions are compared by at least."""
 THRESHOLD, GIVEN = -1, -2
@@ -118,6 +127,7 @@ class Rating(NamedTuple):
 
 UNRATED = Rating(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """The rating of a silhouette that was not examined."""
+TINY_SCORE = 1e-9
 
 
 class SilhouetteScorer:
@@ -184,6 +194,7 @@ class OutlineProposal(NamedTuple):
         level: grey level of the threshold that found it; NaN for all else.
         recipe: which closing of edges found it; THRESHOLD or GIVEN.
         grain: Lab units per px of the image's own slopes, as that closing saw them.
+        likely: factor on its rating, of how its way of looking errs.
     """
 
     silhouette: Silhouette
@@ -192,11 +203,12 @@ class OutlineProposal(NamedTuple):
     level: float = math.nan
     recipe: int = GIVEN
     grain: float = math.nan
+    likely: float = 1.0
 
     @property
     def comparison_order(self) -> float:
         """What proposals are ordered by before they are compared closely."""
-        return self.rating.score * (ONE_LEVEL if self.recipe == THRESHOLD else 1.0)
+        return self.rating.score * self.likely
 
     @property
     def simplicity(self) -> int:
@@ -240,14 +252,6 @@ class PreparedImage:
         return (at[0] - 0.5 * (px - 1)) / px, (at[1] - 0.5 * (px - 1)) / px
 
 
-class Proposer(Protocol):
-    """Whoever proposes outlines in an image."""
-
-    def __call__(self, scene: PreparedImage) -> Iterable[OutlineProposal]:
-        """Regions that may be objects, rated."""
-        ...
-
-
 def propose_thresholds(scene: PreparedImage) -> Iterator[OutlineProposal]:
     """Objects of one grey level: by Otsu's thresholds; of a mask what is light."""
     grey, said = scene.grey, scene.said
@@ -258,7 +262,7 @@ def propose_thresholds(scene: PreparedImage) -> Iterator[OutlineProposal]:
             mask = threshold_mask(grey, level, polarity, said.hidden)
             for shape in trace_silhouettes(mask)[:PER_THRESHOLD]:
                 rating = scene.scorer.rate_silhouette(shape) if shape.longer_side >= MIN_EXTENT else UNRATED
-                yield OutlineProposal(shape, rating, polarity, level, THRESHOLD)
+                yield OutlineProposal(shape, rating, polarity, level, THRESHOLD, likely=LESS_LIKELY)
 
 
 def propose_closed_edges(scene: PreparedImage) -> Iterator[OutlineProposal]:
@@ -310,9 +314,49 @@ def propose_silhouettes(scene: PreparedImage, maps: Sequence[Floats32] = ()) -> 
         maps: (H, W) each, 0 to 1: a segmenter's regions.
     """
     pointed_at = list(propose_quadrangles(scene))  # before all else, while the work allows it
-    proposers: tuple[Proposer, ...] = (propose_thresholds, propose_closed_edges, partial(propose_from_maps, maps=maps))
-    found = [*chain.from_iterable(propose(scene) for propose in proposers), *pointed_at]
+    found = [*propose_thresholds(scene), *propose_closed_edges(scene), *propose_from_maps(scene, maps), *pointed_at]
+    _doubt_bridged_gaps(found, scene)
     return _remove_duplicates(sorted(found, key=lambda p: -p.comparison_order))
+
+
+def _doubt_bridged_gaps(found: list[OutlineProposal], scene: PreparedImage) -> None:
+    """Where closed edges add only ground to a threshold's region that rates alike, the factor is theirs; in place."""
+    closed = [k for k, p in enumerate(found) if p.recipe >= 0]
+    for i, p in enumerate(found):
+        for k in closed if p.recipe == THRESHOLD and p.rating is not UNRATED else ():
+            of_both = p.rating.score / max(found[k].rating.score, TINY_SCORE)
+            is_known = found[i].likely > found[k].likely or not LESS_LIKELY < of_both < 1.0 / LESS_LIKELY
+            part, whole = p.silhouette, found[k].silhouette
+            if is_known or not _is_box_within(part, whole) or is_alike(part, whole):
+                continue
+            if _adds_ground(part, whole, scene):
+                found[i], found[k] = p._replace(likely=1.0), found[k]._replace(likely=LESS_LIKELY)
+
+
+def _is_box_within(part: Silhouette, whole: Silhouette) -> bool:
+    """Whether the box of a region lies in that of another one, but for what their edges may be off."""
+    (x, y, w, h), (u, v, p, q) = part.box, whole.box
+    return max(u - x, v - y, x + w - u - p, y + h - v - q) < ALIKE * max(math.sqrt(part.area), MIN_SIZE)
+
+
+def _adds_ground(part: Silhouette, whole: Silhouette, scene: PreparedImage) -> bool:
+    """Whether what a region has beside another one, which it holds, looks like the ground around it."""
+    px = scene.edges.shrink
+    left, top, right, bottom = window = part.box_window(GAP_MARGIN * px, scene.grey.shape)
+    colours = scene.planes[top:bottom:px, left:right:px]
+    a, b = (np.ascontiguousarray(shape.filled_window(window)[::px, ::px]) for shape in (part, whole))
+    if np.count_nonzero(a & ~b) > OUTSIDE * np.count_nonzero(a):
+        return False
+    near, three = np.ones((2 * GAP_DEPTH + 1,) * 2, np.uint8), np.ones((3, 3), np.uint8)
+    more = (cv2.erode(b, three) > 0) & (cv2.dilate(a, near) > 0) & (cv2.dilate(a, three) == 0)
+    inside, around = cv2.erode(a, three) > 0, cv2.dilate(b, np.ones((5, 5), np.uint8)) == 0
+    if np.count_nonzero(more) < MIN_GAP or not inside.any() or not around.any():
+        return False
+    ground = np.median(colours[around], axis=0)
+    contrast = float(np.linalg.norm(np.median(colours[inside], axis=0) - ground))
+    away = np.linalg.norm(colours - ground, axis=2)
+    near_ground = min(HOLE_CONTRAST * contrast, GROUND_ALIKE * max(float(np.median(away[around])), 1.0))
+    return float(np.mean(away[more] < near_ground)) > GROUND_SHARE
 
 
 def _box_middle(box: Box | None) -> Point | None:

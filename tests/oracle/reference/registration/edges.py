@@ -156,23 +156,22 @@ def measure_edges(
     return Candidates(reach, density, half, inside, offset, step, difference)
 
 
-def surface_light(target: Target, pyramid: Pyramid, G: Floats, before: Light) -> Light:
+def surface_light(target: Target, pyramid: Pyramid, G: Floats, before: Light) -> list[Light]:
     """Robust gain and bias of the object's surface, from the reference to an image seen through G (3, 3).
 
-    Where much is covered, the cover is what fits most: the light of before, as far as it still explains some of the surface,
-    is believed rather than a jump of the light.
+    Where that of before explains little of it, the light has jumped, or most of it is covered: the first one is that of a jump.
     """
     y = pyramid[0].at(*transform_points(G, *target.surface.T), margin=1.0)
     held = ~np.isnan(y)
     x, y = target.surface_value[held], y[held]
     if len(x) < FEW_SAMPLES:
-        return before
+        return [before]
     varied = x.std() > FLAT
     gain = float(np.clip(y.std() / x.std(), 0.4, 2.5)) if varied else 1.0
     fresh = _refine_light(Light(gain, float(upper_median(y - gain * x))), x, y, varied)
     same = _refine_light(before, x, y, varied)
     explained = [(np.abs(y - light.gain * x - light.bias) < 0.5 * SOFT).sum() for light in (fresh, same)]
-    return fresh if JUMP * explained[0] > explained[1] else same
+    return [fresh, same] if JUMP * explained[0] > explained[1] else [same]
 
 
 def _refine_light(light: Light, x: Floats, y: Floats, varied: bool) -> Light:

@@ -113,7 +113,8 @@ class Objective:
             numbers["edge_missed"], numbers["same_sign"], numbers["edge_floor"], start.inner_spread,
             numbers["other_spread"], start.sides,
         )  # fmt: skip
-        self.light = surface_light(target, pyramid, G, Light(start.gain, start.bias))
+        self.lights = surface_light(target, pyramid, G, Light(start.gain, start.bias))
+        self.light = self.lights[0]
         self.places = self._seen_at(target.points, target.jacobian(target.points))
         camera = Pinhole(target, start.nuisance[1:], *self.size, start.aspect)
         # sides that the first view showed count the other way
@@ -202,6 +203,13 @@ class Objective:
         wide = np.clip(rest + self.start.blur_share * speed, LEAST_HALF_WIDTH, MOST_HALF_WIDTH)
         return np.asarray(wide.astype(np.int64))
 
+    def _log_likelihood(self, light: Light, reach: int, P: Floats, h: float, vh: float) -> float:
+        """That of the edges, of which a light tells how the outline's inner side looks."""
+        self.light, none = light, np.zeros(len(self.parallax))
+        view, low = self.candidates(self.G, reach), self.parallax**2 * vh
+        found = edge_likelihoods(self.target, view, none, self.parallax * h, low, P, self.edge_numbers)
+        return explain_outline(found.object, found.other, self.power, self.shares, self.stay)[1]
+
     def _explained_edges(self, reach: int, P: Floats, h: float, vh: float) -> Explained:
         """Edges and thickness by expectation and maximisation: which candidate is whose edge, then the pose.
 
@@ -211,6 +219,7 @@ class Objective:
             h, vh: work px, thickness and its variance.
         """
         rows, along, parallax = self.target.rows, self.target.along, self.parallax
+        self.light = max(self.lights, key=lambda light: self._log_likelihood(light, reach, P, h, vh))
         view, n = self.candidates(self.G, reach), len(rows)
         A, b = _reduced(*_summed(self.terms), 9)
         d = P @ _reduced(*_summed(self.terms), 8)[1]
