@@ -19,8 +19,8 @@ inline double noise_of(double camera, double stride) {
     return stride > 1 ? std::max(camera / (2 * stride), std::sqrt(1.0 / 12)) : camera;
 }
 
-// Of the sum of squares of gradients `stride` apart along an axis, what noise alone gives twice.
-inline double alone_of(double noise, double stride) { return patch_pixels * noise * noise / (stride * stride); }
+// Of the sum of squares of Scharr's gradients `stride` apart along an axis, what noise alone gives twice.
+inline double alone_of(double noise, double stride) { return 236.0 / 512 * patch_pixels * noise * noise / (stride * stride); }
 
 // Sums over a patch of products of two kinds of gradients (xx, xy, yx, yy), by pixels from the middle.
 struct Moments {
@@ -28,18 +28,18 @@ struct Moments {
 };
 
 // What a pose's error changes of the shift that a patch tells, by the places of all its pixels. `all`: of its own gradients and
-// 32 strides times Scharr's.
+// those that light was not taken out of.
 // A turn of the pose turns the patch as well, which its gradients take for a shift: the arc of a disc, that comes to lie on
 // itself, tells nothing of how far it turned.
 inline void set_rows(const Target &target, double stride, const Moments &all, Patch &patch) {
     const double p = (patch.x - target.cx) / target.radius, q = (patch.y - target.cy) / target.radius, e = stride / target.radius;
     const auto J = target.jacobian(patch.x, patch.y);
-    const double alone = alone_of(noise_of(target.noise, stride), stride), units = 1 / (32 * stride);
-    const double shared = 0.3125 * alone;  // of both kinds of gradients, by the same noise
+    const double alone = alone_of(noise_of(target.noise, stride), stride);
+    const double shared = 0.5 * alone;  // of both kinds of gradients, by the same noise
     patch.rows = {};
     for (std::size_t axis = 0; axis < 2; ++axis) {
         const double ux = axis == 0 ? patch.cosine : -patch.sine, uy = axis == 0 ? patch.sine : patch.cosine;
-        const auto of = [&](const double *m, int k) { return units * (ux * m[k] + uy * m[2 + k]); };
+        const auto of = [&](const double *m, int k) { return ux * m[k] + uy * m[2 + k]; };
         Vector<8> change;
         double quadratic[2][2][2];  // by sx or sy, of p p, p q, and q q
         for (int k = 0; k < 2; ++k) {
@@ -91,19 +91,21 @@ GRASPTRACK_WIDE inline bool cut_patch(const Target &target, const Pyramid &pyram
     seen.level->at(at_x, at_y, side * side, value[0]);
     out.x = x;
     out.y = y;
-    double mean = 0, mx = 0, my = 0;
+    const double units = 1 / (32 * stride);
+    double mean = 0, mx = 0, my = 0, sx[patch_pixels], sy[patch_pixels];
     for (int j = 0; j < patch_side; ++j)
         for (int i = 0; i < patch_side; ++i) {
             const auto k = static_cast<std::size_t>(j * patch_side + i);
             const double v = value[j + 1][i + 1];
-            const double gx = (value[j + 1][i + 2] - value[j + 1][i]) / (2 * stride);
-            const double gy = (value[j + 2][i + 1] - value[j][i + 1]) / (2 * stride);
+            // Scharr's gradients: plain differences turn those of a sharp edge by some degrees, here and there otherwise, which
+            // looks like texture along it
+            const double *above = value[j] + i, *here = value[j + 1] + i, *below = value[j + 2] + i;
+            sx[k] = units * (10 * (here[2] - here[0]) + 3 * (above[2] - above[0] + below[2] - below[0]));
+            sy[k] = units * (10 * (below[1] - above[1]) + 3 * (below[0] - above[0] + below[2] - above[2]));
             out.value[k] = static_cast<float>(v);
-            out.gx[k] = static_cast<float>(gx);
-            out.gy[k] = static_cast<float>(gy);
             mean += v;
-            mx += gx;
-            my += gy;
+            mx += sx[k];
+            my += sy[k];
         }
     mean /= patch_pixels;
     mx /= patch_pixels;
@@ -114,8 +116,8 @@ GRASPTRACK_WIDE inline bool cut_patch(const Target &target, const Pyramid &pyram
         out.value[k] -= static_cast<float>(mean);
         const double v = out.value[k];
         out.variance += v * v;
-        tx += v * out.gx[k];
-        ty += v * out.gy[k];
+        tx += v * sx[k];
+        ty += v * sy[k];
     }
     // Bias and gain are free: only what a shift changes otherwise tells of it. (The tail of a blurred edge, shifted, is
     // the same tail with another gain.)
@@ -125,18 +127,13 @@ GRASPTRACK_WIDE inline bool cut_patch(const Target &target, const Pyramid &pyram
         double plain[4] = {}, once[4] = {}, twice[4] = {};
         for (int i = 0; i < patch_side; ++i, ++k) {
             const auto at = static_cast<std::size_t>(k);
-            const double v = out.value[at];
-            const double gx = out.gx[at] - mx - s * tx * v, gy = out.gy[at] - my - s * ty * v;
+            const double v = out.value[at], gx = sx[at] - mx - s * tx * v, gy = sy[at] - my - s * ty * v;
             out.gx[at] = static_cast<float>(gx);
             out.gy[at] = static_cast<float>(gy);
             out.axx += gx * gx;
             out.axy += gx * gy;
             out.ayy += gy * gy;
-            // Scharr's gradients, for their directions: plain differences turn those of a sharp edge by some degrees
-            const double *above = value[j] + i, *here = value[j + 1] + i, *below = value[j + 2] + i;
-            const double sx = 10 * (here[2] - here[0]) + 3 * (above[2] - above[0] + below[2] - below[0]);
-            const double sy = 10 * (below[1] - above[1]) + 3 * (below[0] - above[0] + below[2] - above[2]);
-            const double product[4] = {gx * sx, gx * sy, gy * sx, gy * sy}, along = i - patch_side / 2;
+            const double product[4] = {gx * sx[at], gx * sy[at], gy * sx[at], gy * sy[at]}, along = i - patch_side / 2;
             for (int m = 0; m < 4; ++m) {
                 plain[m] += product[m];
                 once[m] += along * product[m];

@@ -24,8 +24,8 @@ MEDIAN = 1.386
 """Of chi-squared with two degrees of freedom."""
 LEAST_PATCHES, CHANCE = 4, 0.12
 """Patches that texture must rest on, and the share of all that may agree by chance."""
-SHARED = 0.5 * 10.0 / 16.0
-"""Of what noise alone gives of gradients, twice its mean, that which Scharr's have in common with plain differences."""
+SCHARR_NOISE = (2.0 * 10.0**2 + 4.0 * 3.0**2) / 32.0**2
+"""Variance of Scharr's gradients of noise of variance 1."""
 
 
 class Matches(NamedTuple):
@@ -60,9 +60,7 @@ def cut_patches(target: Target, pyramid: Pyramid, G: Floats, places: Floats, str
     values, m = values[inside], int(inside.sum())
     value = values[:, 1:-1, 1:-1].reshape(m, PIXELS)
     value = value - value.mean(axis=1, keepdims=True)
-    gx = (values[:, 1:-1, 2:] - values[:, 1:-1, :-2]) / (2.0 * stride)
-    gy = (values[:, 2:, 1:-1] - values[:, :-2, 1:-1]) / (2.0 * stride)
-    gradients = np.stack([gx, gy], axis=1).reshape(m, 2, PIXELS)
+    gradients = _scharr_gradients(values, stride)
     # Bias and gain are free: only what a shift changes otherwise tells of it. (The tail of a blurred edge, shifted, is
     # the same tail with another gain.)
     free = np.stack([np.ones_like(value), value], axis=1)
@@ -112,23 +110,27 @@ def _shift_derivatives(target: Target, patches: Patches, values: Floats) -> Floa
     j, i = np.mgrid[-half : half + 1, -half : half + 1]
     pixels = patches.places[:, None] + patches.stride * np.column_stack([i.ravel(), j.ravel()])
     J = target.jacobian(pixels.reshape(-1, 2)).reshape(m, PIXELS, 2, 8)
-    # Scharr's gradients, for their directions: plain differences turn those of a sharp edge by some degrees
-    x, y = values[:, :, 2:] - values[:, :, :-2], values[:, 2:] - values[:, :-2]
-    gx = 10.0 * x[:, 1:-1] + 3.0 * (x[:, :-2] + x[:, 2:])
-    gy = 10.0 * y[:, :, 1:-1] + 3.0 * (y[:, :, :-2] + y[:, :, 2:])
-    scharr = np.stack([gx, gy], axis=1).reshape(m, 2, PIXELS) / (32.0 * patches.stride)
+    scharr = _scharr_gradients(values, patches.stride)
     changes = patches.gradients @ np.einsum("npk,nkpa->nka", scharr, J)
     alone = _noise_gradient_energy(patch_noise(target.noise, patches.stride), patches.stride)
-    moved = np.einsum("snp,npa->sna", patches.axes, changes - SHARED * alone * target.jacobian(patches.places))
+    moved = np.einsum("snp,npa->sna", patches.axes, changes - 0.5 * alone * target.jacobian(patches.places))
     shift = (patches.axes * moved[..., :2]).sum(axis=2)  # a shift along the axis
     tells = ((patches.power > alone) & (shift > 0))[..., None]
     rows = np.where(tells, moved / np.where(tells, shift[..., None], 1.0), 0.0)
     return np.asarray(np.einsum("snp,sna->npa", patches.axes, rows))
 
 
+def _scharr_gradients(values: Floats, stride: float) -> Floats:
+    """(m, 2, PIXELS) of (m, 9, 9) grey levels: plain differences turn those of a sharp edge by some degrees."""
+    x, y = values[:, :, 2:] - values[:, :, :-2], values[:, 2:] - values[:, :-2]
+    gx = 10.0 * x[:, 1:-1] + 3.0 * (x[:, :-2] + x[:, 2:])
+    gy = 10.0 * y[:, :, 1:-1] + 3.0 * (y[:, :, :-2] + y[:, :, 2:])
+    return np.asarray(np.stack([gx, gy], axis=1).reshape(len(values), 2, PIXELS) / (32.0 * stride))
+
+
 def _noise_gradient_energy(noise: float, stride: float) -> float:
-    """Of the sum of squares of gradients `stride` apart along an axis, what noise alone gives twice."""
-    return PIXELS * noise * noise / stride**2
+    """Of the sum of squares of Scharr's gradients `stride` apart along an axis, what noise alone gives twice."""
+    return 2.0 * SCHARR_NOISE * PIXELS * noise * noise / stride**2
 
 
 def match_patches(
