@@ -16,20 +16,9 @@ from grasptrack.typing import Floats
 from grasptrack_bench.metrics.score import FrameScore
 
 FIXED = (
-    "method",
-    "frame",
-    "status",
-    "strategy",
-    "reason",
-    "present",
-    "visible",
-    "seen",
-    "defining",
-    "limit_px",
-    "opening_px",
-    "area_px2",
-    "confidence",
-)
+    "method", "frame", "status", "strategy", "reason", "present", "visible", "seen", "defining", "limit_px",
+    "opening_px", "area_px2", "confidence",
+)  # fmt: skip
 """Columns before those of the contacts."""
 EACH = ("x", "y", "error_px", "spread")
 """Columns of each contact, numbered from 1."""

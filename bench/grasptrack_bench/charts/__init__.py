@@ -6,11 +6,5 @@ from grasptrack_bench.charts.markup import DASH, format_number, format_percent
 from grasptrack_bench.charts.palette import Series, series_palette
 
 __all__ = [
-    "DASH",
-    "Axis",
-    "Chart",
-    "Series",
-    "format_number",
-    "format_percent",
-    "series_palette",
-]
+    "DASH", "Axis", "Chart", "Series", "format_number", "format_percent", "series_palette",
+]  # fmt: skip
