@@ -11,16 +11,16 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 38_035,
+    "src/grasptrack": 38_015,
     "src/grasptrack/tracking": 6_660,
-    "src/grasptrack/servo": 4_960,
-    "src/grasptrack/io": 4_890,
+    "src/grasptrack/servo": 4_950,
+    "src/grasptrack/io": 4_880,
     "src/grasptrack/segmentation": 3_800,
     "src/grasptrack/cli": 2_830,
     "src/grasptrack/live": 2_320,
     "src/grasptrack/view": 2_070,
     "src/grasptrack/trackability": 2_050,
-    "src/grasptrack/grasp": 1_960,
+    "src/grasptrack/grasp": 1_920,
     "bench": 15_380,
     "research": 8_900,
     "native": 6_850,
