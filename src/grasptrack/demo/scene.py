@@ -264,14 +264,15 @@ def _smooth_noise(rng: np.random.Generator, size: int, sx: float, sy: float) -> 
     return np.asarray(field / field.std(), np.float32)
 
 
-def _enlarge_relief(relief: Floats | Floats32, colour: tuple[int, int, int], side: int = SIDE) -> Pixels:
-    """(side, side, 3) BGR: a relief around 1 times a colour."""
-    large = cv2.resize(np.asarray(relief, np.float32), (side, side), interpolation=cv2.INTER_CUBIC)
+def _enlarge_relief(relief: Floats | Floats32, colour: tuple[int, int, int]) -> Pixels:
+    """(SIDE, SIDE, 3) BGR: a relief around 1 times a colour."""
+    large = cv2.resize(np.asarray(relief, np.float32), (SIDE, SIDE), interpolation=cv2.INTER_CUBIC)
     return np.asarray(cv2.merge([cv2.convertScaleAbs(large, alpha=channel) for channel in colour]), np.uint8)
 
 
-def _wood_texture(rng: np.random.Generator, planks: int = 5) -> Pixels:
+def _wood_texture(rng: np.random.Generator) -> Pixels:
     """(SIDE, SIDE, 3) BGR: planks with year rings, fibres and faint seams."""
+    planks = 5
     across = np.arange(GRAIN) * planks / GRAIN
     plank = across.astype(np.int64)
     bend = _smooth_noise(rng, GRAIN, 170.0, 22.0)
