@@ -37,12 +37,7 @@ _OPENING = (
 
 
 def table_six(number: int, returns: Sequence[Return]) -> Table:
-    """Table VI: R_v E of the pairs of the first frame and another, of one motion.
-
-    Args:
-        number: of the table among the tables VI.
-        returns: of all objects, contours and strategies.
-    """
+    """Table VI: R_v E of the pairs of the first frame and another, of one motion."""
     rows: list[Row] = []
     for (name, columns), opening in zip(printed.TABLE_VI, printed.OPENINGS, strict=True):
         for k, error in enumerate(("e_av", "e_max")):
@@ -82,13 +77,7 @@ _ROWS: dict[Way, str] = {"first view": "SE", "last frame as prior": "SE prior", 
 
 
 def table_seven(number: int, courses: Sequence[Course], frame: int) -> Table:
-    """Table VII of one kind of contours and one motion.
-
-    Args:
-        number: of the table among the tables VII.
-        courses: of all objects, strategies and ways.
-        frame: of the reference error.
-    """
+    """Table VII of one kind of contours and one motion."""
     rows: list[Row] = []
     for k, (lines, opening) in enumerate(zip(printed.TABLE_VII, printed.OPENINGS, strict=True), start=1):
         names = ("R_f E (e_av)", "R_f E (e_max)", "SE (e_av)", "SE (e_max)")

@@ -13,6 +13,7 @@ import numpy as np
 from grasptrack.typing import Floats, Pixels
 from grasptrack.view import style
 from grasptrack.view.draw import as_bgr, draw_disc, draw_overlay, draw_polyline
+from grasptrack.view.style import Colour, create_figure, ellipsise_text, put_text, rgb_to_bgr, save_whole, text_width
 from grasptrack_bench.physics import World
 
 if TYPE_CHECKING:
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
     from grasptrack_bench.approach.trial import Step
 
 
-_GOAL: style.Colour = (240, 228, 66)
+_GOAL: Colour = (240, 228, 66)
 _LINE, _STRIP = 30, 58
-_STATES: dict[str, style.Colour] = {
+_STATES: dict[str, Colour] = {
     "approaching": (86, 180, 233),
     "converged": (0, 168, 120),
     "closing": (0, 168, 120),
@@ -70,11 +71,11 @@ def hold_result(picture: Pixels, row: Row) -> Pixels:
     held = picture.copy()
     text = row.outcome.upper() + (f": {row.reason}" if row.reason else ": held in the air for a second")
     room = held.shape[1] // 2 - 60
-    text = style.ellipsise_text(text, room, 19, bold=True)
-    wide, x = style.text_width(text, 19, bold=True) + 32, held.shape[1] // 2 + 14
+    text = ellipsise_text(text, room, 19, bold=True)
+    wide, x = text_width(text, 19, bold=True) + 32, held.shape[1] // 2 + 14
     colour = style.STATUS_RGB["tracked"] if row.outcome == "lifted" else style.STATUS_RGB["lost"]
-    cv2.rectangle(held, (x, 420), (x + wide, 464), style.rgb_to_bgr(colour), -1)
-    style.put_text(held, text, x + 16, 449, 19, style.DARK_RGB, bold=True)
+    cv2.rectangle(held, (x, 420), (x + wide, 464), rgb_to_bgr(colour), -1)
+    put_text(held, text, x + 16, 449, 19, style.DARK_RGB, bold=True)
     return held
 
 
@@ -85,17 +86,17 @@ def _draw_goal(picture: Pixels, goal: Floats) -> None:
 
 
 def _draw_title(picture: Pixels, text: str) -> None:
-    wide = style.text_width(text, 14) + 20
+    wide = text_width(text, 14) + 20
     plate = picture[8:34, 8 : 8 + wide]
     plate[:] = (plate * 0.35).astype(np.uint8)
-    style.put_text(picture, text, 18, 26, 14, style.WHITE_RGB)
+    put_text(picture, text, 18, 26, 14, style.WHITE_RGB)
 
 
 def _draw_hand_view(step: Step) -> Pixels:
     """The hand's view at a step, with what the tracker said."""
     assert step.image is not None and step.result is not None
     view = draw_overlay(as_bgr(step.image), step.result)
-    style.put_text(view, f"{step.time:.2f} s", view.shape[1] - 70, 21, 15, style.INK_RGB)
+    put_text(view, f"{step.time:.2f} s", view.shape[1] - 70, 21, 15, style.INK_RGB)
     return view
 
 
@@ -107,19 +108,19 @@ def render_final_png(world: World, step: Step, row: Row, seen: Step | None = Non
         picture = np.vstack([np.hstack([_draw_hand_view(seen), _draw_hand_view(missed)]), picture])
     head = _panel(_LINE, picture.shape[1])
     text = f"{row.shape}, {row.scenario}, seed {row.seed}: {row.outcome} after {row.time_s:.1f} s. {row.reason}"
-    style.put_text(head, style.ellipsise_text(text, head.shape[1] - 20, 15), 10, 21, 15, style.INK_RGB)
+    put_text(head, ellipsise_text(text, head.shape[1] - 20, 15), 10, 21, 15, style.INK_RGB)
     _, data = cv2.imencode(".png", np.vstack([head, picture]), [cv2.IMWRITE_PNG_COMPRESSION, 6])
     return data.tobytes()
 
 
 def _panel(height: int, width: int) -> Pixels:
-    return np.full((height, width, 3), style.rgb_to_bgr(style.PANEL_RGB), np.uint8)
+    return np.full((height, width, 3), rgb_to_bgr(style.PANEL_RGB), np.uint8)
 
 
 def _blind_strip(width: int, stage: str) -> Pixels:
     """Below the image, where the tracker's strip would be: what the hand does without it."""
     strip = _panel(_STRIP, width)
-    style.put_text(strip, f"the hand {_BLIND.get(stage, 'looks')}", 10, 36, 14, style.MUTED_RGB)
+    put_text(strip, f"the hand {_BLIND.get(stage, 'looks')}", 10, 36, 14, style.MUTED_RGB)
     return strip
 
 
@@ -129,14 +130,14 @@ def _stages_strip(world: World, step: Step, width: int) -> Pixels:
     at = 10
     for stage in _STAGES:
         now = stage == step.stage
-        style.put_text(strip, stage, at, 24, 15, style.INK_RGB if now else style.MUTED_RGB, bold=now)
-        at += style.text_width(stage, 15, bold=now) + 14
+        put_text(strip, stage, at, 24, 15, style.INK_RGB if now else style.MUTED_RGB, bold=now)
+        at += text_width(stage, 15, bold=now) + 14
         if stage != _STAGES[-1]:
-            style.put_text(strip, "›", at, 24, 15, style.RULE_RGB)
+            put_text(strip, "›", at, 24, 15, style.RULE_RGB)
             at += 22
-    style.put_text(strip, f"{step.time:.2f} s", width - 74, 24, 15, style.INK_RGB)
+    put_text(strip, f"{step.time:.2f} s", width - 74, 24, 15, style.INK_RGB)
     tips, part = 1e3 * world.pose()[2, 3], max(0.0, 1e3 * world.part_pose()[2, 3])
-    style.put_text(
+    put_text(
         strip, f"above the table, in truth: fingertips {tips:.0f} mm, part {part:.0f} mm", 10, 47, 14, style.MUTED_RGB
     )
     return strip
@@ -146,19 +147,19 @@ def _draw_status_line(step: Step, width: int) -> Pixels:
     line = _panel(_LINE, width)
     blind = step.command is None or step.stage in _BLIND
     state = step.stage if blind or step.command is None else step.command.state
-    style.put_text(line, state, 10, 21, 15, _STATES.get(state, style.MUTED_RGB), bold=True)
+    put_text(line, state, 10, 21, 15, _STATES.get(state, style.MUTED_RGB), bold=True)
     why = "" if blind or step.command is None else step.command.reason
-    style.put_text(line, style.ellipsise_text(why, width // 2 - 140, 14), 130, 21, 14, style.INK_RGB)
+    put_text(line, ellipsise_text(why, width // 2 - 140, 14), 130, 21, 14, style.INK_RGB)
     if not blind and step.command is not None and np.isfinite(step.command.error_px):
         figures = f"{step.command.error_px:.1f} px from the goal, {1e3 * step.command.height:.0f} mm to go"
-        style.put_text(line, figures, width // 2 + 10, 21, 14, style.MUTED_RGB)
+        put_text(line, figures, width // 2 + 10, 21, 14, style.MUTED_RGB)
     return line
 
 
 def _draw_legend(width: int) -> Pixels:
     """What the marks of the hand's view mean."""
     line = _panel(_LINE, width)
-    line[0] = style.rgb_to_bgr(style.RULE_RGB)
+    line[0] = rgb_to_bgr(style.RULE_RGB)
     middle, at = 15.0, 10
     outline = np.array([[0.0, middle], [22.0, middle]])
     for mark, text in (
@@ -184,8 +185,8 @@ def _draw_legend(width: int) -> Pixels:
         else:
             draw_disc(line, centre, 6.4, style.WHITE_RGB)
             draw_disc(line, centre, 4.6, style.STATUS_RGB["tracked"])
-        style.put_text(line, text, at + 30, 20, 13, style.MUTED_RGB)
-        at += 30 + style.text_width(text, 13) + 26
+        put_text(line, text, at + 30, 20, 13, style.MUTED_RGB)
+        at += 30 + text_width(text, 13) + 26
     return line
 
 
@@ -212,7 +213,7 @@ def plot_approach(
         title: above it.
         path: of the PNG.
     """
-    figure = style.create_figure(9.0, 8.0, layout="constrained")
+    figure = create_figure(9.0, 8.0, layout="constrained")
     axes = figure.subplots(4, 1, sharex=True)
     t = np.asarray(times, dtype=np.float64)
     if len(t):
@@ -237,4 +238,4 @@ def plot_approach(
             axis.legend(loc="upper right", fontsize=8, ncols=3)
     axes[-1].set_xlabel("s   (shaded: the grasp is not seen)")
     figure.suptitle(title, fontsize=11)
-    style.save_whole(figure, path, 110)
+    save_whole(figure, path, 110)

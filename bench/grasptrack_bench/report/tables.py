@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from grasptrack_bench.charts import format_number, format_percent
-from grasptrack_bench.charts.markup import format_fixed
+from grasptrack_bench.charts.palette import format_fixed
 from grasptrack_bench.metrics.summary import MethodRow, summarise_run
 from grasptrack_bench.report.glossary import TERMS, Term
 from grasptrack_bench.report.pages import Cell, CellLike, Column, Line, PageTable, Tone

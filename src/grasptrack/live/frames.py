@@ -21,14 +21,13 @@ from grasptrack.first_image import FirstImage
 from grasptrack.io.columns import NAMED
 from grasptrack.io.images import encode_jpeg
 from grasptrack.live.advisor import Proposal
-from grasptrack.live.curves import CurvePoint
-from grasptrack.live.state import Shown
+from grasptrack.live.state import CurvePoint, Shown
 from grasptrack.presentation import plain_value
 from grasptrack.segmentation.candidate import describe_candidate
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
-from grasptrack.view.marks import cone_length, friction_cones
+from grasptrack.view.draw import cone_length, friction_cones
 
 UNITS_PER_PX = 100.0
 """Of lines."""

@@ -17,11 +17,10 @@ from grasptrack.io.results import RunSummary
 from grasptrack.io.run import FILES, Run, prepare_output
 from grasptrack.live.advisor import Advisor
 from grasptrack.live.commands import Command
-from grasptrack.live.curves import Curves
 from grasptrack.live.inbox import Inbox, KeptImages
 from grasptrack.live.player import Player
 from grasptrack.live.recorder import Recordings, describe_recording
-from grasptrack.live.state import Shown
+from grasptrack.live.state import Curves, Shown
 
 PATIENCE = 3.0
 """s that a device is waited for when its source is closed."""

@@ -142,10 +142,6 @@ class CalibrationSetup:
 class SelfCalibration:
     """The estimate and how it came about.
 
-    Args:
-        setup: what is given.
-        poses: of the hand.
-
     Attributes:
         failed: why it cannot be calibrated; empty where it can.
         restarts: how often an estimate proved wrong.
