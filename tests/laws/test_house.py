@@ -11,23 +11,23 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 37_666,
+    "src/grasptrack": 37_636,
     "src/grasptrack/tracking": 6_660,
     "src/grasptrack/servo": 4_940,
-    "src/grasptrack/io": 4_855,
+    "src/grasptrack/io": 4_835,
     "src/grasptrack/segmentation": 3_800,
     "src/grasptrack/cli": 2_740,
-    "src/grasptrack/live": 2_310,
+    "src/grasptrack/live": 2_295,
     "src/grasptrack/view": 2_020,
-    "src/grasptrack/trackability": 2_020,
-    "src/grasptrack/grasp": 1_915,
-    "bench": 15_290,
+    "src/grasptrack/trackability": 2_015,
+    "src/grasptrack/grasp": 1_910,
+    "bench": 15_280,
     "research": 8_825,
     "native": 6_850,
     "tests": 41_475,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
-MODULES = 196
+MODULES = 195
 SAME_NAMES = 0
 """Names that more than one class has."""
 NAMED = ("tracking", "segmentation")

@@ -78,8 +78,7 @@ class DemoScene:
         part: in table units.
         drawing: (SIDE, SIDE, 3) of the table with the part on it; BGR.
         table_to_image: (F, 3, 3) table units to px, for each frame.
-        width: px.
-        height: px.
+        width, height: px.
         colour: BGR images, else grey ones.
         seed: of light and noise.
     """
@@ -138,8 +137,7 @@ def demo_scene(
     Args:
         frames: number of frames; more make the same motion slower.
         seed: of materials, light and noise.
-        width: px.
-        height: px.
+        width, height: px.
         colour: BGR images, else grey ones.
     """
     u = np.linspace(0.0, 1.0, frames)
@@ -181,8 +179,7 @@ def still_life(seed: int = 3, *, width: int = 640, height: int = 480) -> Pixels:
 
     Args:
         seed: of materials and noise.
-        width: px.
-        height: px.
+        width, height: px.
     """
     shapes = {"spanner": _make_spanner(), "gasket": _make_gasket(), "disc": _part(_circle(0.0, 0.0, 1.0))}
     shapes["plate"] = _part(np.array([(-0.8, -0.5), (0.8, -0.5), (0.8, 0.5), (-0.8, 0.5)]))
