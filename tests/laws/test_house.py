@@ -11,17 +11,17 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 37_636,
+    "src/grasptrack": 37_620,
     "src/grasptrack/tracking": 6_660,
     "src/grasptrack/servo": 4_940,
     "src/grasptrack/io": 4_835,
     "src/grasptrack/segmentation": 3_800,
     "src/grasptrack/cli": 2_740,
-    "src/grasptrack/live": 2_295,
+    "src/grasptrack/live": 2_280,
     "src/grasptrack/view": 2_020,
     "src/grasptrack/trackability": 2_015,
     "src/grasptrack/grasp": 1_910,
-    "bench": 15_280,
+    "bench": 15_265,
     "research": 8_825,
     "native": 6_850,
     "tests": 41_475,
