@@ -310,9 +310,6 @@ def run_video(task: tuple[RealCase, tuple[str, ...]]) -> dict[str, list[FrameSco
     The grasp is chosen by the tracker in the first frame and given to all methods; with the object's quadrilateral
     given, it is put on two opposite sides of it.
 
-    Args:
-        task: the case, and names of methods.
-
     Raises:
         InputError: the video or the table cannot be read.
         GraspError: there is no object or no grasp in the first frame, or the object chosen there is another one.

@@ -16,20 +16,9 @@ from grasptrack.typing import Floats
 from grasptrack_bench.metrics.score import FrameScore
 
 FIXED = (
-    "method",
-    "frame",
-    "status",
-    "strategy",
-    "reason",
-    "present",
-    "visible",
-    "seen",
-    "defining",
-    "limit_px",
-    "opening_px",
-    "area_px2",
-    "confidence",
-)
+    "method", "frame", "status", "strategy", "reason", "present", "visible", "seen", "defining", "limit_px",
+    "opening_px", "area_px2", "confidence",
+)  # fmt: skip
 """Columns before those of the contacts."""
 EACH = ("x", "y", "error_px", "spread")
 """Columns of each contact, numbered from 1."""
@@ -38,12 +27,7 @@ LAST = "latency_ms"
 
 
 def write_records(path: Path, scores: Mapping[str, Sequence[FrameScore]]) -> None:
-    """Write the frames of all methods, or nothing: an interrupted write leaves no file under this name.
-
-    Args:
-        path: of the CSV file.
-        scores: frames by method.
-    """
+    """Write the frames of all methods, or nothing: an interrupted write leaves no file under this name."""
     contacts = max((len(f.contacts) for s in scores.values() for f in s if f.contacts is not None), default=0)
     numbered = [f"{name}{i + 1}" for i in range(contacts) for name in EACH]
     with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:

@@ -98,9 +98,6 @@ def make_scene_cases(
 def run_case(task: tuple[SceneCase, tuple[str, ...]]) -> dict[str, list[FrameScore]]:
     """Scored frames by method of one case.
 
-    Args:
-        task: the case, and names of methods.
-
     Raises:
         GraspError: there is no grasp to follow on this part.
     """

@@ -155,11 +155,8 @@ def real_suite(
     """Every video of a folder that has a table of homographies.
 
     Args:
-        folder: of the videos.
         methods: names.
-        fingers, friction: of the grasps that are chosen.
-        given: what is told of each object, see `real:videos_of`.
-        risk: probability below which answers of the tracker may be wrong.
+        folder, fingers, friction, given, risk: as of `real:videos_of`.
 
     Raises:
         InputError: no folder, no such video in it, or a grasp of three fingers to be put on two sides.

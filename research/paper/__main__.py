@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import help_groups, options
+from grasptrack.cli.help_groups import option
 from grasptrack.cli.main import run_app
-from grasptrack.cli.option_groups import option
 from grasptrack.cli.terminal import with_progress
 
 if TYPE_CHECKING:

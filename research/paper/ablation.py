@@ -1,22 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each improvement over the paper's text is worth: added to the paper's transfer alone, and taken from all of them."""
+"""What each improvement over the paper's text is worth: added to the paper's transfer alone, and taken from all of them;
+and how much hangs on each constant of the homography transfer, one at a time."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.transfer import TransferStrategy, strategy_named
+from grasptrack.transfer import TransferStrategy, homography, strategy_named
 from grasptrack_bench.baselines.literal import LiteralGraspLine, LiteralHomography, LiteralRRP
-from grasptrack_bench.metrics.errors import ErrorMeasure, error_measure
 from grasptrack_bench.report.table import Table
 from research.paper.footage import MOTIONS, FilmedPart, Footage, Kind, Motion, ideal_footage
 from research.paper.runs import SUMMARY, SUMMARY_NOTES, StrategyRun, run_of, summarize
-from research.paper.transfers import Answer, Refused, Way, transferred_contacts
+from research.paper.transfers import Refused, Way, measure_answers, transfer_and_measure, transferred_contacts
 
 SWITCHES = {
     "curvature times length": "scale_free",
@@ -67,7 +68,7 @@ def ablation_runs(part: FilmedPart, seed: int, frames: int) -> Iterator[Strategy
             for way in variant_ways(variant):
                 outlines, contacts = footage.outlines(strategy), footage.contacts(strategy)
                 answers = transferred_contacts(variant, outlines, contacts, way, footage.quantised)
-                errors = measured(footage, strategy, answers)
+                errors = measure_answers(footage, strategy, answers)
                 yield run_of(errors, "ablation", part.name, seed, motion, kind, name, way)
         for name in ("homography, the paper's", "all of these"):
             yield refinement_run(footage, name, seed)
@@ -78,14 +79,6 @@ def variant_ways(variant: TransferStrategy) -> tuple[Way, ...]:
     literal = isinstance(variant, LiteralRRP | LiteralGraspLine | LiteralHomography)
     takes_prior = (isinstance(variant, LiteralHomography) and variant.aligned) or not literal
     return ("first view", "last frame as prior") if takes_prior else ("first view",)
-
-
-def measured(footage: Footage, strategy: str, answers: Sequence[Answer]) -> list[ErrorMeasure | str]:
-    """Errors of the answers from the second frame on."""
-    return [
-        a if isinstance(a, str) else error_measure(a, footage.truth(strategy, k), footage.areas[k])
-        for k, a in enumerate(answers, start=1)
-    ]
 
 
 def refinement_run(footage: Footage, name: str, seed: int) -> StrategyRun:
@@ -158,3 +151,55 @@ def ablation_tables(runs: Sequence[StrategyRun]) -> list[Table]:
             ),
         ),
     ]
+
+
+CONSTANTS = tuple(name for name, value in vars(homography).items() if name.isupper() and isinstance(value, int | float))
+"""All numbers of `transfer.homography`, in the order of the file."""
+PRIOR: Way = "last frame as prior"
+FACTORS = (0.5, 0.71, 1.0, 1.41, 2.0)
+"""By which each is multiplied."""
+
+
+@contextmanager
+def changed(constant: str, factor: float) -> Iterator[None]:
+    """`transfer.homography` with one of its constants multiplied, within this process; whole numbers stay whole."""
+    usual = getattr(homography, constant)
+    setattr(homography, constant, type(usual)(round(usual * factor) if isinstance(usual, int) else usual * factor))
+    try:
+        yield
+    finally:
+        setattr(homography, constant, usual)
+
+
+def sensitivity_runs(part: FilmedPart, seed: int, frames: int) -> Iterator[StrategyRun]:
+    """The homography with each constant changed, 6 DoF, contours sampled anew, with the last frame as prior."""
+    footage = ideal_footage(part, "resampled", "6 DoF", frames, seed)
+    usual = transfer_and_measure(footage, "homography", PRIOR).errors
+    for constant in CONSTANTS:
+        for factor in FACTORS:
+            errors = usual
+            if factor != 1.0:
+                with changed(constant, factor):
+                    errors = transfer_and_measure(footage, "homography", PRIOR).errors
+            setting = "sensitivity", part.name, seed, "6 DoF", "resampled", "homography", PRIOR
+            yield run_of(errors, *setting, constant, factor)
+
+
+def sensitivity_table(runs: Sequence[StrategyRun]) -> Table:
+    """Table S: errors and shares answered by constant and factor."""
+    mine = [r for r in runs if r.experiment == "sensitivity"]
+    rows = []
+    for constant, factor in dict.fromkeys((r.varied, r.value) for r in mine):
+        here = [r for r in mine if (r.varied, r.value) == (constant, factor)]
+        rows.append((constant, getattr(homography, constant) * factor, factor, *summarize(here)))
+    return Table(
+        "S",
+        "Sensitivity of the homography to each of its constants, 6 DoF, contours sampled anew, last frame as prior",
+        ("constant", "value", "times the usual", *SUMMARY),
+        tuple(rows),
+        (
+            f"{len({r.shape for r in mine})} shapes, {len({r.seed for r in mine})} seeds; the constants are those of "
+            "`transfer.homography`.",
+            *SUMMARY_NOTES,
+        ),
+    )

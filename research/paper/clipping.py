@@ -13,15 +13,8 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.typing import Bools, Floats
-from grasptrack_bench.baselines.extraction import Seen
-from research.paper.footage import (
-    POINTS,
-    FilmedPart,
-    Footage,
-    camera_trajectory,
-    moved_curves,
-    path_homographies,
-)
+from grasptrack_bench.baselines.paper import Seen
+from research.paper.footage import POINTS, FilmedPart, Footage, camera_trajectory, moved_curves, path_homographies
 
 CLIPPED = (10, 25, 40)
 """Per cent of the outline's length that the border hides."""

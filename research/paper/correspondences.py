@@ -65,6 +65,12 @@ class Correspondences:
         return self.first.outer.points[self.samples[0]], second
 
 
+_HEAD = (
+    "object", "transfer", "point", "first view: (x, y) px, sample", "curvature x length",
+    "second view: (x, y) px, sample", "curvature x length ", "error of eq. (3)", "off by, px",
+)  # fmt: skip
+
+
 def find_correspondences(footage: Footage, frame: int) -> Correspondences | str:
     """What `transfer.homography` does between the first frame and another, laid open; or why it refuses."""
     try:
@@ -155,17 +161,7 @@ def table_two(found: Sequence[Correspondences | RefusedPair]) -> Table:
     return Table(
         "II",
         f"Selected points on the first contour and their correspondences, {_pair_description(found)}",
-        (
-            "object",
-            "transfer",
-            "point",
-            "first view: (x, y) px, sample",
-            "curvature x length",
-            "second view: (x, y) px, sample",
-            "curvature x length ",
-            "error of eq. (3)",
-            "off by, px",
-        ),
+        _HEAD,
         tuple(rows),
         (
             "The paper shows pictures and prints no numbers here; the pictures of this run are of the same pairs.",

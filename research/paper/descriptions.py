@@ -21,15 +21,9 @@ Line = tuple[float, float, float, float]
 
 _NAMES = (("p_g1", "p_g2"), ("p'_g1", "p'_g2"))
 _HEAD = (
-    "contours",
-    "object",
-    "transfer",
-    "contact",
-    "Location (c, p)",
-    "RRP (c, r, t)",
-    "Relative (d_c, alpha_m, d_1, d_2), 1/px and degrees",
-    "off by, px",
-)
+    "contours", "object", "transfer", "contact", "Location (c, p)", "RRP (c, r, t)",
+    "Relative (d_c, alpha_m, d_1, d_2), 1/px and degrees", "off by, px",
+)  # fmt: skip
 _UNIT = "Distances over the area, in 1/px as the paper prints them; they change with the object's scale in the image."
 _BOTH = "Relative holds for both contacts and stands in the first one's row."
 _PAIR = f"{_BOTH} Off by: from the true place."

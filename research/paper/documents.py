@@ -57,10 +57,6 @@ def read_table(folder: Path, number: str) -> list[dict[str, str]]:
 def fill_page(text: str, folder: Path) -> str:
     """The page with every table and every cell between its comments written anew.
 
-    Args:
-        text: of the page, in Markdown.
-        folder: of the tables.
-
     Raises:
         InputError: a table, or a column of it, that there is not, or no row that is asked for.
     """

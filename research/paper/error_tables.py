@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from grasptrack_bench.metrics.errors import ErrorMeasure
 from grasptrack_bench.report.table import Cell, Table
 from research.paper import printed
-from research.paper.footage import KINDS, TILT, FilmedPart, Footage
+from research.paper.footage import KINDS, TILT, Footage
 from research.paper.transfers import WAYS, Course, Return, Way
 
 Row = tuple[Cell, ...]
@@ -37,12 +37,7 @@ _OPENING = (
 
 
 def table_six(number: int, returns: Sequence[Return]) -> Table:
-    """Table VI: R_v E of the pairs of the first frame and another, of one motion.
-
-    Args:
-        number: of the table among the tables VI.
-        returns: of all objects, contours and strategies.
-    """
+    """Table VI: R_v E of the pairs of the first frame and another, of one motion."""
     rows: list[Row] = []
     for (name, columns), opening in zip(printed.TABLE_VI, printed.OPENINGS, strict=True):
         for k, error in enumerate(("e_av", "e_max")):
@@ -82,13 +77,7 @@ _ROWS: dict[Way, str] = {"first view": "SE", "last frame as prior": "SE prior", 
 
 
 def table_seven(number: int, courses: Sequence[Course], frame: int) -> Table:
-    """Table VII of one kind of contours and one motion.
-
-    Args:
-        number: of the table among the tables VII.
-        courses: of all objects, strategies and ways.
-        frame: of the reference error.
-    """
+    """Table VII of one kind of contours and one motion."""
     rows: list[Row] = []
     for k, (lines, opening) in enumerate(zip(printed.TABLE_VII, printed.OPENINGS, strict=True), start=1):
         names = ("R_f E (e_av)", "R_f E (e_max)", "SE (e_av)", "SE (e_max)")
@@ -104,7 +93,7 @@ def table_seven(number: int, courses: Sequence[Course], frame: int) -> Table:
                 if way == "first view":
                     rows += _measure_rows(mine[0].footage, "R_f E", transfer, [c.errors[frame - 1] for c in mine])
                 rows += _measure_rows(mine[0].footage, error, transfer, [c.sequence for c in mine])
-    total = len(courses[0].errors)
+    total, parts = len(courses[0].errors), {c.footage.part.name: c.footage.part for c in courses}
     tilt = f", tilt to {round(TILT * 57.2958)}°" if one.motion == "6 DoF" else ""
     return Table(
         f"VII-{number}",
@@ -123,7 +112,7 @@ def table_seven(number: int, courses: Sequence[Course], frame: int) -> Table:
             "The printed R_f E of grasp 3 by grasp line is larger than its printed SE (e_max), which cannot be: frame "
             "50 is one of the sequence.",
             "Opening of the grasps in the first view: "
-            + ", ".join(f"{part.name} {part.opening:.0f} px" for part in _parts(courses))
+            + ", ".join(f"{name} {part.opening:.0f} px" for name, part in parts.items())
             + ".",
             *_refusal_notes(courses, total),
         ),
@@ -197,11 +186,6 @@ def _printed_row(grasp: str, error: str, values: Sequence[float], opening: float
     """A row as the paper prints it, and in per cent where the opening is known."""
     percent = [None if opening is None else 100.0 * v / opening for v in values]
     return "paper", grasp, error, "printed", *values, *[None] * 3, *percent
-
-
-def _parts(courses: Sequence[Course]) -> list[FilmedPart]:
-    """The objects."""
-    return list({c.footage.part.name: c.footage.part for c in courses}.values())
 
 
 def _refusal_notes(courses: Sequence[Course], total: int) -> list[str]:

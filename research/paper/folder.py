@@ -41,12 +41,6 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
     S). These files and the tables repeat to the last digit; `times.csv` and `claims-times.csv` do not, nor do times, versions
     and machine in `evaluation.json`. Figures are charts as SVG, and the paper's as `paper-*.png`.
 
-    Args:
-        folder: that is there.
-        run: of the tables.
-        options: what was asked for.
-        command: that repeats it.
-
     Returns:
         The path of the page.
 

@@ -22,7 +22,7 @@ from grasptrack.snake.shape_space import ShapeSpace
 from grasptrack.tracking.initialization import count_describing_strategies
 from grasptrack.tracking.strategies import Snakes
 from grasptrack.typing import Floats
-from grasptrack_bench.baselines.extraction import ExtractedOutlines, Seen, begin_near
+from grasptrack_bench.baselines.paper import ExtractedOutlines, Seen, begin_near
 from grasptrack_bench.simulation import SHAPES, Path, Pinhole, Scene, Shape, similarity_path, tilting_path
 from grasptrack_bench.simulation.coverage import inside_mask
 
@@ -288,12 +288,6 @@ def rendered_footage(
     part: FilmedPart, motion: Motion, frames: int, seed: int, after: Callable[[], None] = lambda: None
 ) -> tuple[Footage, list[Grey]]:
     """A trajectory as images, and what was observed in them.
-
-    Args:
-        part: the object.
-        motion, frames: of the trajectory.
-        seed: of trajectory, textures and noise.
-        after: called after each frame.
 
     Returns:
         The footage, and the first image and the one in the middle, (H, W) each.

@@ -15,7 +15,7 @@ from grasptrack.errors import InputError
 from grasptrack.typing import Floats
 from grasptrack_bench.charts import Axis, Chart, format_percent, series_palette
 from grasptrack_bench.charts.chart import log_range
-from grasptrack_bench.charts.markup import format_fixed
+from grasptrack_bench.charts.palette import format_fixed
 from grasptrack_bench.metrics.integrity import cumulative_share
 from grasptrack_bench.report.pages import Cell, CellLike, Column, Figure, Line, PageTable, keep_chart, write_page
 from grasptrack_bench.report.table import Table
@@ -121,12 +121,7 @@ def _error_table(values: Sequence[tuple[Course, Floats]]) -> PageTable:
             rms = float(np.sqrt(np.mean(known**2)))
             figures = [float(np.median(known)), rms, float(np.percentile(known, 95)), float(known.max())]
         share = len(known) / len(errors) if len(errors) else math.nan
-        cells: list[CellLike] = [
-            strategy,
-            setting,
-            len(errors),
-            Cell(format_percent(share), share),
-        ]
+        cells: list[CellLike] = [strategy, setting, len(errors), Cell(format_percent(share), share)]
         lines.append(Line([*cells, *(Cell(format_fixed(f, 3), f) for f in figures)], series=strategy))
     return PageTable(columns, lines)
 

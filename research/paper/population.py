@@ -12,7 +12,7 @@ import numpy as np
 from grasptrack.errors import ObservationError
 from grasptrack_bench.report.table import Cell, Table
 from grasptrack_bench.simulation import Path
-from research.paper.ablation import ablation_runs
+from research.paper.ablation import ablation_runs, sensitivity_runs
 from research.paper.clipping import BESIDE, CLIPPED, clipped_footage
 from research.paper.footage import (
     DISTANCE,
@@ -29,7 +29,6 @@ from research.paper.footage import (
     resample_view,
 )
 from research.paper.runs import SUMMARY, SUMMARY_NOTES, StrategyRun, run_of, summarize
-from research.paper.sensitivity import sensitivity_runs
 from research.paper.transfers import COMPARED, WAYS, transfer_and_measure, ways_of
 
 EXTRACTED: tuple[Kind, ...] = ("resampled", "pixel chain")
@@ -126,12 +125,7 @@ def clipped_runs(part: FilmedPart, seed: int) -> Iterator[StrategyRun]:
 
 
 def population_tables(runs: Sequence[StrategyRun], left_out: dict[str, str]) -> list[Table]:
-    """Tables P (paths), T (tilt) and K (clipped).
-
-    Args:
-        runs: of all shapes and seeds.
-        left_out: reasons by shape.
-    """
+    """Tables P (paths), T (tilt) and K (clipped)."""
     paths = [r for r in runs if r.experiment == "paths"]
     shapes, seeds = len({r.shape for r in paths}), len({r.seed for r in paths})
     notes = (

@@ -13,7 +13,7 @@ from grasptrack_bench.report.table import Table
 from grasptrack_bench.schedule import Scheduler, TaskOutcome
 from grasptrack_bench.simulation import SHAPES
 from research.paper import contexts
-from research.paper.ablation import ablation_tables
+from research.paper.ablation import ablation_tables, sensitivity_table
 from research.paper.claims import table_of_claims, table_of_time_claims, table_of_verdicts
 from research.paper.contexts import table_of_contexts
 from research.paper.correspondences import (
@@ -45,16 +45,8 @@ from research.paper.footage import (
 from research.paper.population import Task, population_runs, population_tables
 from research.paper.runs import StrategyRun
 from research.paper.searching import table_of_searches
-from research.paper.sensitivity import sensitivity_table
 from research.paper.times import table_of_times
-from research.paper.transfers import (
-    COMPARED,
-    Course,
-    Return,
-    transfer_and_measure,
-    transfer_and_return,
-    ways_of,
-)
+from research.paper.transfers import COMPARED, Course, Return, transfer_and_measure, transfer_and_return, ways_of
 
 LEAST_FRAMES = 4
 SEEDS = 10

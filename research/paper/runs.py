@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from grasptrack.statistics import median_interval
+from grasptrack.typing import Floats
 from grasptrack_bench.metrics.errors import ErrorMeasure
+from grasptrack_bench.metrics.statistics import bootstrap_counts
 from grasptrack_bench.report.table import Cell
 from research.paper.transfers import count_reasons
 
@@ -101,3 +102,21 @@ def summarize(runs: Iterable[StrategyRun]) -> list[Cell]:
         share,
         100.0 * sum(r.off for r in listed) / answered,
     ]
+
+
+def median_interval(values: Floats, units: Sequence[object], draws: int = 1000) -> tuple[float, float, float]:
+    """Median of values and its 95 % interval, by drawing whole units anew (bootstrap of clusters).
+
+    Args:
+        values: (n,), n > 0.
+        units: (n,) which unit each value belongs to: values of one unit are not independent of each other.
+        draws: of the bootstrap.
+    """
+    names = list(dict.fromkeys(units))
+    unit = np.array([names.index(u) for u in units])
+    order = np.argsort(values, kind="stable")
+    weights = bootstrap_counts(len(names), draws, seed=0)[:, unit[order]]
+    below = np.cumsum(weights, axis=1)
+    drawn = values[order][(below >= 0.5 * below[:, -1:]).argmax(axis=1)]
+    low, high = np.percentile(drawn, [2.5, 97.5], method="nearest").tolist()
+    return float(np.median(values)), low, high

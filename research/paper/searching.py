@@ -20,17 +20,9 @@ from research.paper.runs import OFF_PX
 from research.paper.transfers import transferred_contacts
 
 _HEAD = (
-    "motion",
-    "object",
-    "frames",
-    "searched anew: median px",
-    "searched anew: worst px",
-    "searched anew: off %",
-    "carried: median px",
-    "carried: worst px",
-    "carried: off %",
-    "carried: answered %",
-)
+    "motion", "object", "frames", "searched anew: median px", "searched anew: worst px", "searched anew: off %",
+    "carried: median px", "carried: worst px", "carried: off %", "carried: answered %",
+)  # fmt: skip
 
 
 def table_of_searches(footage: Sequence[Footage]) -> Table:

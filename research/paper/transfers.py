@@ -14,8 +14,8 @@ from grasptrack.errors import StrategyError, TransferError
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer import STRATEGIES, TransferStrategy, strategy_named
 from grasptrack.typing import Floats
-from grasptrack_bench.baselines.extraction import Seen
 from grasptrack_bench.baselines.literal import PAPER
+from grasptrack_bench.baselines.paper import Seen
 from grasptrack_bench.metrics.errors import ErrorMeasure, error_measure, sequence_error
 from research.paper.footage import Footage, nearest_points
 
@@ -99,11 +99,15 @@ def transfer_and_measure(footage: Footage, strategy: str, way: Way) -> Course:
     """Transfer the grasp to every frame and measure it."""
     outlines, contacts = footage.outlines(strategy), footage.contacts(strategy)
     found = transferred_contacts(strategy_called(strategy), outlines, contacts, way, footage.quantised)
-    errors = tuple(
-        answer if isinstance(answer, str) else error_measure(answer, footage.truth(strategy, k), footage.areas[k])
-        for k, answer in enumerate(found, start=1)
+    return Course(footage, strategy, way, tuple(found), measure_answers(footage, strategy, found))
+
+
+def measure_answers(footage: Footage, strategy: str, answers: Iterable[Answer]) -> tuple[ErrorMeasure | str, ...]:
+    """Errors of answers from the second frame on, and why there are none."""
+    return tuple(
+        a if isinstance(a, str) else error_measure(a, footage.truth(strategy, k), footage.areas[k])
+        for k, a in enumerate(answers, start=1)
     )
-    return Course(footage, strategy, way, tuple(found), errors)
 
 
 def transferred_contacts(

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 import grasptrack as gt
 from grasptrack.errors import GraspTrackError
-from grasptrack.statistics import upper_bound
 from grasptrack.tracking.numbers import NUMBERS, OWN, read_numbers
 from grasptrack.typing import Floats
 from grasptrack_bench.method import MethodFrame, MethodStart
 from grasptrack_bench.metrics.score import Score
+from grasptrack_bench.metrics.statistics import upper_bound
 from grasptrack_bench.real import RealCase, sequence_of, videos_of
 from grasptrack_bench.scenes import SceneCase, built_in, make_scene_cases, show_scene
 from grasptrack_bench.simulation.disturbances import DISTURBANCES

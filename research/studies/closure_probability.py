@@ -3,22 +3,65 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
 
 import grasptrack as gt
+from grasptrack import kernels
+from grasptrack.geometry.contours import Outline
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.closure_probability import chance_of_closing
 from grasptrack.grasp.contact_regions import regions_of
-from grasptrack.grasp.force_closure import closes_after, closes_at
-from grasptrack.typing import Floats
+from grasptrack.grasp.force_closure import FINGER_WIDTH, ForceClosure
+from grasptrack.typing import Bools, Floats
 from grasptrack_bench.simulation import SHAPES
 from research.studies import common
 
 SIZE, FRICTION = 175.0, 0.5
 SIGMAS = (0.1, 0.5, 1.0, 2.0, 5.0)
 TILTED = np.array([[0.9, 0.2, 10.0], [-0.15, 1.1, 5.0], [3e-4, -2e-4, 1.0]])
+
+
+def closes_after(outline: Outline, contacts: Floats, slips: Floats, friction: float) -> Bools:
+    """(n,) whether a grasp closes after its contacts have slipped along the outline: what independent regions promise.
+
+    Args:
+        outline: a Contour or View.
+        contacts: (k, 2) px, the grasp's; they are moved onto the outline.
+        slips: (n, k) px of arc length, along the direction of the contours.
+        friction: Coulomb coefficient.
+    """
+    n, k = slips.shape
+    places = np.empty((n, k, 2))
+    for i, (contour, position, _) in enumerate(
+        kernels.project_to_contour(outline.points, outline.offsets, contacts).tolist()
+    ):
+        line = outline.contours[int(contour)]
+        s = line.arc_length
+        here = np.interp(position, np.arange(len(s)), s)
+        places[:, i, 0] = contour
+        places[:, i, 1] = np.interp(np.mod(here + slips[:, i], line.length), s, np.arange(len(s))) % len(line)
+    return _closes_at_places(outline, places.reshape(-1, 2), k, friction)
+
+
+def closes_at(outline: Outline, points: Floats, friction: float) -> Bools:
+    """(n,) whether contacts at the places of an outline that are nearest to points (n, k, 2) px close."""
+    places = kernels.project_to_contour(outline.points, outline.offsets, np.ascontiguousarray(points.reshape(-1, 2)))
+    return _closes_at_places(outline, places, points.shape[1], friction)
+
+
+def _closes_at_places(outline: Outline, places: Floats, k: int, friction: float) -> Bools:
+    area, *centre = kernels.polygon_moments(outline.points, outline.offsets)[:3]
+    size = math.sqrt(area)
+    contacts = kernels.point_at(outline.points, outline.offsets, places).reshape(-1, k, 2)
+    frames = kernels.contact_frames(outline.points, outline.offsets, places, FINGER_WIDTH * size)
+    normals = np.ascontiguousarray(frames[:, :2]).reshape(-1, k, 2)
+    at = (centre[0], centre[1])
+    return np.array(
+        [ForceClosure.of(c, n, at, 0.5 * size, friction).closes for c, n in zip(contacts, normals, strict=True)]
+    )
 
 
 def sample_covariances(rng: np.random.Generator, fingers: int, sigma: float) -> Floats:

@@ -27,13 +27,7 @@ from grasptrack.segmentation.first_look import first_look
 from grasptrack.segmentation.proposals import GIVEN, THRESHOLD
 from grasptrack.segmentation.segmenters import Region, Segmenter, segmenter_for
 from grasptrack.typing import Bools, Floats, Pixels
-from grasptrack_bench.metrics.mask_agreement import (
-    ENOUGH_F,
-    ENOUGH_IOU,
-    boundary_f,
-    intersection_over_union,
-    mask_of,
-)
+from grasptrack_bench.metrics.mask_agreement import ENOUGH_F, ENOUGH_IOU, boundary_f, intersection_over_union, mask_of
 from research.studies import common
 from research.studies.common import Photo
 from research.studies.polygons import mask_corners, move_corners

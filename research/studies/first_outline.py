@@ -140,17 +140,9 @@ def main() -> None:
             keys = ("refused", "mended", "frames", "given", "wrong", "beside", "false_edge")
             rows.append((kind, start, len(runs), *(total[key] for key in keys)))
     head = (
-        "first image",
-        "start",
-        "sequences",
-        "refused",
-        "mended",
-        "frames",
-        "answered",
-        "wrong",
-        "beside",
+        "first image", "start", "sequences", "refused", "mended", "frames", "answered", "wrong", "beside",
         "told false edge",
-    )
+    )  # fmt: skip
     common.add_table(head, rows)
     common.write_sections(asked.output)
 

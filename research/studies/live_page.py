@@ -194,18 +194,9 @@ def show_viewer(kind: str, images: Sequence[Image], blocks: int, seconds: float)
         name = f"{RATE:g}/s" if pace else "as fast as it can"
         rows.append([name, rate, *update, *waited, slowed, drawn, median, p95, met])
     head = [
-        "images",
-        "images/s",
-        "update ms, no page",
-        "with page",
-        "waits ms, no page",
-        "with page",
-        "slowed by",
-        "drawn/s",
-        "age ms, median",
-        "95 %",
-        "met",
-    ]
+        "images", "images/s", "update ms, no page", "with page", "waits ms, no page", "with page", "slowed by",
+        "drawn/s", "age ms, median", "95 %", "met",
+    ]  # fmt: skip
     common.add_paragraph(
         f"Looking on: {kind}. Waits: of an image's time, what the tracker's thread waited for a processor that others used, "
         f"the {kind} among them; there are {os.cpu_count()}."

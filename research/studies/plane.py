@@ -150,17 +150,9 @@ def calibration_rows(frames: list[Told]) -> list[list[str]]:
 
 
 HEADS = [
-    *(
-        "first view, degrees",
-        "frames",
-        "tilt off, median / 95 %",
-        "within 2",
-        "margin off, plane",
-        "image",
-        "first view",
-    ),
-    *("margin's sd", "in 1.96 sd", "not closing: stable", "tilt-open", "closing: unstable", "tilt-open"),
-]
+    "first view, degrees", "frames", "tilt off, median / 95 %", "within 2", "margin off, plane", "image", "first view",
+    "margin's sd", "in 1.96 sd", "not closing: stable", "tilt-open", "closing: unstable", "tilt-open",
+]  # fmt: skip
 
 
 def main() -> None:

@@ -102,15 +102,9 @@ def main() -> None:
         free, held, off, without = np.sqrt(np.mean(np.square(told), axis=0)).tolist()
         rows.append((disturbance, "all", math.nan, free, held, off, off / free, without))
     head = (
-        "scene",
-        "part",
-        "noise",
-        "bound",
-        "bound, known pinhole",
-        "counted",
-        "times the bound",
+        "scene", "part", "noise", "bound", "bound, known pinhole", "counted", "times the bound",
         "noise-free first view",
-    )
+    )  # fmt: skip
     common.add_table(head, rows)
     common.write_sections(asked.output)
 

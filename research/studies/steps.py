@@ -52,11 +52,7 @@ Errors = dict[str, float]
 
 
 class Clock:
-    """Times of steps by their names.
-
-    Args:
-        per_second: of the unit.
-    """
+    """Times of steps by their names."""
 
     def __init__(self, per_second: float) -> None:
         self.taken: Measured = {}

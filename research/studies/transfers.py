@@ -348,17 +348,9 @@ def show_turned(pairs: int, seed: int, workers: int) -> None:
                 of_unsure = float(np.median(unsure)) if unsure else math.nan
                 rows.append([strategy, tilt, name, len(found), *count, middle, of_unsure])
     heads = [
-        "strategy",
-        "tilt",
-        "outline",
-        "n",
-        "right, %",
-        "ambiguous, %",
-        "refused, %",
-        "wrong, %",
-        "overlap",
+        "strategy", "tilt", "outline", "n", "right, %", "ambiguous, %", "refused, %", "wrong, %", "overlap",
         "if ambiguous",
-    ]
+    ]  # fmt: skip
     common.add_table(heads, rows)
 
 

@@ -24,10 +24,6 @@ _NUMBERS = re.compile(r"\[\n\s+([-+.,eE\d\s]+?)\n\s+\]")
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write strict JSON, a point on one line: what is not finite becomes null. The file is complete at any moment or absent.
 
-    Args:
-        path: the file, replaced.
-        content: what `plain_value` takes.
-
     Raises:
         OSError: it cannot be written.
     """

@@ -18,11 +18,7 @@ _held: ContextVar[frozenset[Path]] = ContextVar("held_folders", default=frozense
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A path beside a file, to be written to; the file is replaced by it when that is done, and is left as it was otherwise.
-
-    Args:
-        path: of the file.
-    """
+    """A path beside a file, to be written to; the file is replaced by it when that is done, and is left as it was otherwise."""
     part = path.with_name(f"{path.name}.part")
     try:
         yield part
@@ -63,9 +59,6 @@ def hold_folder(output: Path) -> Iterator[None]:
 
     The lock is on the folder itself: it leaves no file behind and ends with the process, however that ends. Where the file
     system or the operating system has no such locks, nothing is kept out.
-
-    Args:
-        output: the folder.
 
     Raises:
         InputError: it cannot be written to, another run holds it, or the disk gets full within.

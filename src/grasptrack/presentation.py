@@ -28,16 +28,11 @@ def format_confidence(confidence: float, decimals: int = 3) -> str:
     return told[:kept] + told[kept:].rstrip("0")
 
 
-def to_dict(record: object, *, leave: tuple[str, ...] = ()) -> dict[str, Any]:
-    """The public parts of a result by name, as `plain_value` gives them, in the units that the attributes have.
-
-    Args:
-        record: a result of this package.
-        leave: names that are left out.
-    """
+def to_dict(record: object) -> dict[str, Any]:
+    """The public parts of a result of this package by name, as `plain_value` gives them, in the units of the attributes."""
     from grasptrack.equality import public_parts
 
-    return {name: plain_value(part) for name, part in public_parts(record, whole=True).items() if name not in leave}
+    return {name: plain_value(part) for name, part in public_parts(record, whole=True).items()}
 
 
 def plain_value(value: Any, digits: int | None = None) -> Any:

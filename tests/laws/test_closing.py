@@ -20,9 +20,10 @@ from grasptrack.geometry.homographies import apply_homography, homography_jacobi
 from grasptrack.grasp.closure_probability import ClosureCheck, chance_of_closing, in_box
 from grasptrack.grasp.contact_regions import Regions, epsilon_quality, regions_of
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.grasp.force_closure import analyze, closes_after, closes_at
+from grasptrack.grasp.force_closure import analyze
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack_bench.simulation import SHAPES
+from research.studies.closure_probability import closes_after, closes_at
 
 SIZE, FRICTION = 175.0, 0.5
 TILTED = np.array([[0.9, 0.2, 10.0], [-0.15, 1.1, 5.0], [3e-4, -2e-4, 1.0]])

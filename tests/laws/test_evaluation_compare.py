@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from grasptrack.errors import InputError
-from grasptrack.statistics import bootstrap_counts, critical_value
 from grasptrack_bench.metrics.paired import Unit, measures_of, units_of
 from grasptrack_bench.metrics.score import FrameScore
+from grasptrack_bench.metrics.statistics import bootstrap_counts, critical_value
 from grasptrack_bench.metrics.summary import ALL, summarise_run
 from grasptrack_bench.report.comparison import Comparison, compare_runs
 from grasptrack_bench.report.comparison_page import comparison_lines

@@ -11,30 +11,30 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 38_072,
+    "src/grasptrack": 37_620,
     "src/grasptrack/tracking": 6_660,
-    "src/grasptrack/servo": 4_960,
-    "src/grasptrack/io": 4_890,
+    "src/grasptrack/servo": 4_940,
+    "src/grasptrack/io": 4_835,
     "src/grasptrack/segmentation": 3_835,
-    "src/grasptrack/cli": 2_830,
-    "src/grasptrack/live": 2_320,
-    "src/grasptrack/view": 2_070,
-    "src/grasptrack/trackability": 2_050,
-    "src/grasptrack/grasp": 1_960,
-    "bench": 15_380,
-    "research": 8_900,
+    "src/grasptrack/cli": 2_740,
+    "src/grasptrack/live": 2_280,
+    "src/grasptrack/view": 2_020,
+    "src/grasptrack/trackability": 2_015,
+    "src/grasptrack/grasp": 1_910,
+    "bench": 15_265,
+    "research": 8_825,
     "native": 6_850,
     "tests": 41_475,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
-MODULES = 203
-SAME_NAMES = 45
+MODULES = 195
+SAME_NAMES = 0
 """Names that more than one class has."""
 NAMED = ("tracking", "segmentation")
 """Packages in whose functions each decimal number carries a name."""
 ONE_WORD = 0.35
 """Share of functions whose name is one word."""
-WIDE = 23
+WIDE = 18
 """Functions of the wheel with more than six parameters, those at its edge included."""
 
 

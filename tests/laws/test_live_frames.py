@@ -21,10 +21,9 @@ from grasptrack.grasp.force_closure import GraspAnalysis
 from grasptrack.io.base import Frame
 from grasptrack.io.images import encode_jpeg
 from grasptrack.live import frames
-from grasptrack.live.curves import KEPT, CurvePoint, Curves
 from grasptrack.live.frames import UNITS_PER_PX, Painter, moment_to_json
 from grasptrack.live.inbox import Arrival
-from grasptrack.live.state import Shown
+from grasptrack.live.state import KEPT, CurvePoint, Curves, Shown
 
 ANY = st.one_of(st.floats(), st.sampled_from([math.nan, math.inf, -math.inf, 0.0]))
 CORNERS = np.array([[10, 10], [25, 10], [40.123, 10], [40, 25], [40, 40], [25, 40.0049], [10, 40], [10, 25]])

@@ -9,11 +9,10 @@ import pytest
 
 from grasptrack.errors import InputError
 from grasptrack.transfer import homography
-from research.paper.ablation import VARIANTS
+from research.paper.ablation import CONSTANTS, FACTORS, VARIANTS, changed
 from research.paper.documents import KEPT, fill_page, main, markdown_of, read_table
 from research.paper.error_tables import table_seven
 from research.paper.footage import FRAMES, OBJECTS, ideal_footage, make_part, middle_frame
-from research.paper.sensitivity import CONSTANTS, FACTORS, changed
 from research.paper.transfers import COMPARED, transfer_and_measure, ways_of
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from grasptrack_bench.charts import DASH, Axis, Chart, format_number, format_percent, series_palette
 from grasptrack_bench.charts.answer import TRUE_RGB, WRONG_RGB, draw_answer
 from grasptrack_bench.charts.chart import linear_ticks, log_range
-from grasptrack_bench.charts.markup import format_fixed
+from grasptrack_bench.charts.palette import format_fixed
 from grasptrack_bench.metrics.integrity import out_of_view, over_time, precision_curve, recovery_curve
 from grasptrack_bench.report.pages import cell_of
 from grasptrack_bench.report.table import Table

@@ -88,7 +88,8 @@ def test_slopes_of_features(seed: int, k: int) -> None:
     rng = np.random.default_rng(seed)
     contacts, goal = rng.uniform(0.0, 600.0, (2, k, 2))
     features = Features(goal, np.array([319.5, 239.5]))
-    if abs(features.turn_angle(contacts)) < 0.05 * rms_diameter(contacts) * rms_diameter(goal):
+    about = [(points - points.mean(axis=0)) @ (1.0, 1.0j) for points in (goal, contacts)]
+    if abs(np.vdot(*about)) < 0.05 * rms_diameter(contacts) * rms_diameter(goal):
         return  # no turn to speak of
     found, step = features.jacobian_at(contacts), 1e-3
     for i in range(2 * k):

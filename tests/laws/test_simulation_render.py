@@ -117,7 +117,7 @@ def test_the_image_moves_by_the_stated_homography() -> None:
     first = scene[0]
     for frame in scene:
         for moved, now in zip(first.outline, frame.outline, strict=True):
-            assert frame.contacts(moved) == pytest.approx(now, abs=1e-8)
+            assert frame.carry(moved) == pytest.approx(now, abs=1e-8)
         dark = (frame.image.astype(float).max() - frame.image) / (frame.image.max() - 52.0)
         assert dark.sum() == pytest.approx(frame.area, rel=0.03)
 

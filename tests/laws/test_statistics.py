@@ -11,16 +11,16 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
 
-from grasptrack.statistics import (
+from grasptrack.statistics import robust_sd
+from grasptrack_bench.metrics.statistics import (
     bootstrap_counts,
     critical_value,
     mcnemar_probability,
-    median_interval,
-    robust_sd,
     student_quantile,
     upper_bound,
     wilson_interval,
 )
+from research.paper.runs import median_interval
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40))

@@ -18,8 +18,7 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.io.results import GraspsCsv, Tally
 from grasptrack.tracking.result import TrackResult
 from grasptrack.view import pair
-from grasptrack.view.draw import MAX_SIDE, draw_overlay
-from grasptrack.view.marks import friction_cones, jacobian_at
+from grasptrack.view.draw import MAX_SIDE, draw_overlay, friction_cones, jacobian_at
 from grasptrack.view.pair import write_pair
 from grasptrack.view.style import STATUS_RGB, add_legend, create_figure, ellipsise_text, rgb_to_bgr, text_width
 from grasptrack.view.summary import BinnedCurves, Filmstrip, write_summary

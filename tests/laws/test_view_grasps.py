@@ -13,8 +13,8 @@ import pytest
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.contacts import GraspList
 from grasptrack.grasp.hand import HandPx
+from grasptrack.view.draw import sector_polygon
 from grasptrack.view.grasps import Planned, describe_hand, format_quality, write_grasps
-from grasptrack.view.marks import sector_polygon
 from grasptrack.view.panel import (
     contour_strip,
     grasp_opening,

@@ -29,7 +29,7 @@ def test_the_grasp_that_was_chosen_is_followed(rank: int) -> None:
         result = tracker.update(frame.image)
         assert result.contacts is not None, result.reason
         first = result.contacts if first is None else first
-        assert np.hypot(*(result.contacts - frame.contacts(first)).T).max() < 0.3
+        assert np.hypot(*(result.contacts - frame.carry(first)).T).max() < 0.3
     assert len(seen) == 1 and first is not None
     np.testing.assert_allclose(first, synthesize(seen[0], 2)[rank].contacts, atol=0.5)
 

@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 import pytest
 
+from grasptrack.cli.advice import BackgroundVerdict
 from grasptrack.cli.main import main
-from grasptrack.cli.verdict import BackgroundVerdict
 from grasptrack.io.columns import csv_columns
 from recordings import plate, plates, rows, write
 

@@ -90,7 +90,7 @@ def test_each_follows_an_easy_sequence(name: str) -> None:
     for index, (result, frame) in enumerate(zip(run(PEERS[name](given_), images()), easy(), strict=True)):
         check(result, index)
         assert result.contacts is not None, result.reason
-        assert contact_distances(result.contacts, frame.contacts(given_.contacts)).max() < BOUNDS[name]
+        assert contact_distances(result.contacts, frame.carry(given_.contacts)).max() < BOUNDS[name]
         assert result.strategy == name
 
 
@@ -107,7 +107,7 @@ def test_without_an_outline_and_in_colour_it_follows_as_well(name: str) -> None:
     given_ = start(outline=False)
     last = run(PEERS[name](given_), images(colour=True))[-1]
     assert last.contacts is not None, last.reason
-    assert contact_distances(last.contacts, easy()[-1].contacts(given_.contacts)).max() < 2.0 * BOUNDS[name]
+    assert contact_distances(last.contacts, easy()[-1].carry(given_.contacts)).max() < 2.0 * BOUNDS[name]
 
 
 @pytest.mark.sampled(2)
@@ -150,7 +150,7 @@ def test_it_is_found_again_after_a_blank_image(name: str) -> None:
     seen = images()
     last = run(PEERS[name](start()), [*seen[:3], np.full_like(seen[0], 128), seen[3]])[-1]
     assert last.contacts is not None, last.reason
-    assert contact_distances(last.contacts, easy()[3].contacts(start().contacts)).max() < 2.0 * BOUNDS[name]
+    assert contact_distances(last.contacts, easy()[3].carry(start().contacts)).max() < 2.0 * BOUNDS[name]
 
 
 @pytest.mark.sampled(2)

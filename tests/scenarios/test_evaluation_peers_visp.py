@@ -98,7 +98,7 @@ def test_it_is_available_with_visp_and_follows(visp: Path) -> None:
     assert why_not() == "" and missing_baselines() == {} and "visp" in available_baselines()
     for result, frame in zip(run(PEERS["visp"](start()), images()), easy(), strict=True):
         assert result.contacts is not None, result.reason
-        assert contact_distances(result.contacts, frame.contacts(start().contacts)).max() < 0.5
+        assert contact_distances(result.contacts, frame.carry(start().contacts)).max() < 0.5
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,6 @@ def test_a_part_is_followed_behind_the_hand_that_reaches_for_it(grey: int) -> No
         if result.contacts is None:
             continue
         first = result.contacts if first is None else first
-        assert np.hypot(*(result.contacts - frame.contacts(first)).T).max() < 3.0
+        assert np.hypot(*(result.contacts - frame.carry(first)).T).max() < 3.0
         found += result.status != "lost"
     assert found == len(frames)

@@ -29,7 +29,7 @@ def a_scene(shape: str, seed: int, frames: int = 30, **options: object) -> Scene
 def off(result: TrackResult, frame: SceneFrame, first: np.ndarray) -> float:
     """px by which the contacts are off at most; first: where they were in the first image."""
     assert result.contacts is not None, result.reason
-    return float(np.hypot(*(result.contacts - frame.contacts(first)).T).max())
+    return float(np.hypot(*(result.contacts - frame.carry(first)).T).max())
 
 
 def followed(scene: Scene) -> list[float]:

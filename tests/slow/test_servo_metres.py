@@ -25,9 +25,9 @@ from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.grasp_pose import GraspPose, grasp_pose, tips_to_contacts
 from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.trust import DriftAlarm, Trust
-from grasptrack.statistics import wilson_interval
 from grasptrack_bench.approach import trial
 from grasptrack_bench.approach.runs import draw_cases
+from grasptrack_bench.metrics.statistics import wilson_interval
 from grasptrack_bench.simulation.shapes import SHAPES
 from servo_bench import Bench
 

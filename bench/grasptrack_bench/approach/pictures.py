@@ -1,29 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A frame of the film: the hand's view with the tracker's marks, the view from beside, and what is done and why."""
+"""A frame of the film: the hand's view with the tracker's marks, the view from beside, and what is done and why; and charts."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from grasptrack.typing import Floats, Pixels
+from grasptrack.view import style
 from grasptrack.view.draw import as_bgr, draw_disc, draw_overlay, draw_polyline
-from grasptrack.view.style import (
-    DARK_RGB,
-    INK_RGB,
-    MUTED_RGB,
-    PANEL_RGB,
-    RULE_RGB,
-    STATUS_RGB,
-    WHITE_RGB,
-    Colour,
-    ellipsise_text,
-    put_text,
-    rgb_to_bgr,
-    text_width,
-)
+from grasptrack.view.style import Colour, create_figure, ellipsise_text, put_text, rgb_to_bgr, save_whole, text_width
 from grasptrack_bench.physics import World
 
 if TYPE_CHECKING:
@@ -83,15 +73,15 @@ def hold_result(picture: Pixels, row: Row) -> Pixels:
     room = held.shape[1] // 2 - 60
     text = ellipsise_text(text, room, 19, bold=True)
     wide, x = text_width(text, 19, bold=True) + 32, held.shape[1] // 2 + 14
-    colour = STATUS_RGB["tracked"] if row.outcome == "lifted" else STATUS_RGB["lost"]
+    colour = style.STATUS_RGB["tracked"] if row.outcome == "lifted" else style.STATUS_RGB["lost"]
     cv2.rectangle(held, (x, 420), (x + wide, 464), rgb_to_bgr(colour), -1)
-    put_text(held, text, x + 16, 449, 19, DARK_RGB, bold=True)
+    put_text(held, text, x + 16, 449, 19, style.DARK_RGB, bold=True)
     return held
 
 
 def _draw_goal(picture: Pixels, goal: Floats) -> None:
     for point in goal[np.isfinite(goal).all(axis=1)]:
-        draw_disc(picture, point, 11.0, DARK_RGB, 4.0)
+        draw_disc(picture, point, 11.0, style.DARK_RGB, 4.0)
         draw_disc(picture, point, 11.0, _GOAL, 2.0)
 
 
@@ -99,14 +89,14 @@ def _draw_title(picture: Pixels, text: str) -> None:
     wide = text_width(text, 14) + 20
     plate = picture[8:34, 8 : 8 + wide]
     plate[:] = (plate * 0.35).astype(np.uint8)
-    put_text(picture, text, 18, 26, 14, WHITE_RGB)
+    put_text(picture, text, 18, 26, 14, style.WHITE_RGB)
 
 
 def _draw_hand_view(step: Step) -> Pixels:
     """The hand's view at a step, with what the tracker said."""
     assert step.image is not None and step.result is not None
     view = draw_overlay(as_bgr(step.image), step.result)
-    put_text(view, f"{step.time:.2f} s", view.shape[1] - 70, 21, 15, INK_RGB)
+    put_text(view, f"{step.time:.2f} s", view.shape[1] - 70, 21, 15, style.INK_RGB)
     return view
 
 
@@ -118,19 +108,19 @@ def render_final_png(world: World, step: Step, row: Row, seen: Step | None = Non
         picture = np.vstack([np.hstack([_draw_hand_view(seen), _draw_hand_view(missed)]), picture])
     head = _panel(_LINE, picture.shape[1])
     text = f"{row.shape}, {row.scenario}, seed {row.seed}: {row.outcome} after {row.time_s:.1f} s. {row.reason}"
-    put_text(head, ellipsise_text(text, head.shape[1] - 20, 15), 10, 21, 15, INK_RGB)
+    put_text(head, ellipsise_text(text, head.shape[1] - 20, 15), 10, 21, 15, style.INK_RGB)
     _, data = cv2.imencode(".png", np.vstack([head, picture]), [cv2.IMWRITE_PNG_COMPRESSION, 6])
     return data.tobytes()
 
 
 def _panel(height: int, width: int) -> Pixels:
-    return np.full((height, width, 3), rgb_to_bgr(PANEL_RGB), np.uint8)
+    return np.full((height, width, 3), rgb_to_bgr(style.PANEL_RGB), np.uint8)
 
 
 def _blind_strip(width: int, stage: str) -> Pixels:
     """Below the image, where the tracker's strip would be: what the hand does without it."""
     strip = _panel(_STRIP, width)
-    put_text(strip, f"the hand {_BLIND.get(stage, 'looks')}", 10, 36, 14, MUTED_RGB)
+    put_text(strip, f"the hand {_BLIND.get(stage, 'looks')}", 10, 36, 14, style.MUTED_RGB)
     return strip
 
 
@@ -140,14 +130,16 @@ def _stages_strip(world: World, step: Step, width: int) -> Pixels:
     at = 10
     for stage in _STAGES:
         now = stage == step.stage
-        put_text(strip, stage, at, 24, 15, INK_RGB if now else MUTED_RGB, bold=now)
+        put_text(strip, stage, at, 24, 15, style.INK_RGB if now else style.MUTED_RGB, bold=now)
         at += text_width(stage, 15, bold=now) + 14
         if stage != _STAGES[-1]:
-            put_text(strip, "›", at, 24, 15, RULE_RGB)
+            put_text(strip, "›", at, 24, 15, style.RULE_RGB)
             at += 22
-    put_text(strip, f"{step.time:.2f} s", width - 74, 24, 15, INK_RGB)
+    put_text(strip, f"{step.time:.2f} s", width - 74, 24, 15, style.INK_RGB)
     tips, part = 1e3 * world.pose()[2, 3], max(0.0, 1e3 * world.part_pose()[2, 3])
-    put_text(strip, f"above the table, in truth: fingertips {tips:.0f} mm, part {part:.0f} mm", 10, 47, 14, MUTED_RGB)
+    put_text(
+        strip, f"above the table, in truth: fingertips {tips:.0f} mm, part {part:.0f} mm", 10, 47, 14, style.MUTED_RGB
+    )
     return strip
 
 
@@ -155,19 +147,19 @@ def _draw_status_line(step: Step, width: int) -> Pixels:
     line = _panel(_LINE, width)
     blind = step.command is None or step.stage in _BLIND
     state = step.stage if blind or step.command is None else step.command.state
-    put_text(line, state, 10, 21, 15, _STATES.get(state, MUTED_RGB), bold=True)
+    put_text(line, state, 10, 21, 15, _STATES.get(state, style.MUTED_RGB), bold=True)
     why = "" if blind or step.command is None else step.command.reason
-    put_text(line, ellipsise_text(why, width // 2 - 140, 14), 130, 21, 14, INK_RGB)
+    put_text(line, ellipsise_text(why, width // 2 - 140, 14), 130, 21, 14, style.INK_RGB)
     if not blind and step.command is not None and np.isfinite(step.command.error_px):
         figures = f"{step.command.error_px:.1f} px from the goal, {1e3 * step.command.height:.0f} mm to go"
-        put_text(line, figures, width // 2 + 10, 21, 14, MUTED_RGB)
+        put_text(line, figures, width // 2 + 10, 21, 14, style.MUTED_RGB)
     return line
 
 
 def _draw_legend(width: int) -> Pixels:
     """What the marks of the hand's view mean."""
     line = _panel(_LINE, width)
-    line[0] = rgb_to_bgr(RULE_RGB)
+    line[0] = rgb_to_bgr(style.RULE_RGB)
     middle, at = 15.0, 10
     outline = np.array([[0.0, middle], [22.0, middle]])
     for mark, text in (
@@ -180,17 +172,70 @@ def _draw_legend(width: int) -> Pixels:
         shift = np.array([at, 0.0])
         centre = np.array([at + 11.0, middle])
         if mark == "outline":
-            draw_polyline(line, outline + shift, WHITE_RGB, 2.0)
+            draw_polyline(line, outline + shift, style.WHITE_RGB, 2.0)
         elif mark == "last":
             for start in (0.0, 14.0):
-                draw_polyline(line, np.array([[start, middle], [start + 8.0, middle]]) + shift, STATUS_RGB["lost"], 2.0)
+                draw_polyline(
+                    line, np.array([[start, middle], [start + 8.0, middle]]) + shift, style.STATUS_RGB["lost"], 2.0
+                )
         elif mark == "goal":
             draw_disc(line, centre, 8.0, _GOAL, 2.0)
         elif mark == "hidden":
-            draw_disc(line, centre, 6.6, WHITE_RGB, 1.8)
+            draw_disc(line, centre, 6.6, style.WHITE_RGB, 1.8)
         else:
-            draw_disc(line, centre, 6.4, WHITE_RGB)
-            draw_disc(line, centre, 4.6, STATUS_RGB["tracked"])
-        put_text(line, text, at + 30, 20, 13, MUTED_RGB)
+            draw_disc(line, centre, 6.4, style.WHITE_RGB)
+            draw_disc(line, centre, 4.6, style.STATUS_RGB["tracked"])
+        put_text(line, text, at + 30, 20, 13, style.MUTED_RGB)
         at += 30 + text_width(text, 13) + 26
     return line
+
+
+_FEATURES = ("x/l", "y/l", "1/l", "angle, rad", "tilt x", "tilt y")
+
+
+def plot_approach(
+    times: Sequence[float],
+    errors: Sequence[Floats],
+    error_px: Sequence[float],
+    twists: Sequence[Floats],
+    blind: Sequence[bool],
+    title: str,
+    path: Path,
+) -> None:
+    """Write a picture of four charts over time.
+
+    Args:
+        times: (n,) s.
+        errors: (4,) or (6,) of the features at each time.
+        error_px: of the farthest contact from its goal.
+        twists: (6,) m/s and rad/s.
+        blind: where the grasp was not seen; shaded.
+        title: above it.
+        path: of the PNG.
+    """
+    figure = create_figure(9.0, 8.0, layout="constrained")
+    axes = figure.subplots(4, 1, sharex=True)
+    t = np.asarray(times, dtype=np.float64)
+    if len(t):
+        rows = np.array([np.pad(e, (0, 6 - len(e)), constant_values=np.nan) for e in errors])
+        for i, name in enumerate(_FEATURES):
+            if np.isfinite(rows[:, i]).any():
+                axes[0].plot(t, rows[:, i], label=name)
+        axes[1].semilogy(t, np.maximum(np.asarray(error_px), 1e-2), color="k")
+        axes[1].axhline(1.0, color="0.6", linewidth=0.8)
+        rates = np.array(twists)
+        for i, name in enumerate("xyz"):
+            axes[2].plot(t, rates[:, i], label=f"v {name}")
+            axes[3].plot(t, rates[:, 3 + i], label=f"w {name}")
+        ends = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(blind, dtype=int), [0]])))
+        for begin, end in ends.reshape(-1, 2):
+            for axis in axes:
+                axis.axvspan(t[begin], t[min(end, len(t) - 1)], color="orange", alpha=0.18, linewidth=0)
+    for axis, name in zip(axes, ("features' error", "px from the goal", "m/s", "rad/s"), strict=True):
+        axis.set_ylabel(name)
+        axis.grid(True, alpha=0.3)
+        if axis.get_legend_handles_labels()[0]:
+            axis.legend(loc="upper right", fontsize=8, ncols=3)
+    axes[-1].set_xlabel("s   (shaded: the grasp is not seen)")
+    figure.suptitle(title, fontsize=11)
+    save_whole(figure, path, 110)

@@ -21,13 +21,12 @@ from grasptrack.files import hold_folder, whole_file
 from grasptrack.geometry.contours import View
 from grasptrack.io.results import software_versions
 from grasptrack.io.video import VideoWriter
-from grasptrack.statistics import wilson_interval
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.approach.case import ApproachCase, Law, Row
-from grasptrack_bench.approach.pictures import hold_result, side_by_side
-from grasptrack_bench.approach.plot import plot_approach
+from grasptrack_bench.approach.pictures import hold_result, plot_approach, side_by_side
 from grasptrack_bench.approach.trial import Step, run_trial
+from grasptrack_bench.metrics.statistics import wilson_interval
 from grasptrack_bench.physics import World
 from grasptrack_bench.physics.setting import Arm, Scenario
 from grasptrack_bench.physics.world import PERIOD_S

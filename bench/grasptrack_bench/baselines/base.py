@@ -110,11 +110,7 @@ class BaselineAnswer(NamedTuple):
 
 
 class Peer(ABC):
-    """A method that is given the grasp in the first image; subclasses say how it begins and how it follows.
-
-    Args:
-        start: what is known of the first image.
-    """
+    """A method that is given the grasp in the first image; subclasses say how it begins and how it follows."""
 
     name: ClassVar[str]
     failures: ClassVar[tuple[type[Exception], ...]] = (GraspTrackError, cv2.error, np.linalg.LinAlgError)

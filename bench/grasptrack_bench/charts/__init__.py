@@ -2,15 +2,8 @@
 """Charts, numbers and pictures of reports; the pages themselves are templates of `grasptrack_bench.report`."""
 
 from grasptrack_bench.charts.chart import Axis, Chart
-from grasptrack_bench.charts.markup import DASH, format_number, format_percent
-from grasptrack_bench.charts.palette import Series, series_palette
+from grasptrack_bench.charts.palette import DASH, Series, format_number, format_percent, series_palette
 
 __all__ = [
-    "DASH",
-    "Axis",
-    "Chart",
-    "Series",
-    "format_number",
-    "format_percent",
-    "series_palette",
-]
+    "DASH", "Axis", "Chart", "Series", "format_number", "format_percent", "series_palette",
+]  # fmt: skip

@@ -22,12 +22,7 @@ TRUE_RGB: Colour = STATUS_RGB["tracked"]
 WRONG_RGB: Colour = (255, 96, 48)
 
 
-def draw_answer(
-    image: NDArray[Any],
-    truth: Floats | None,
-    outline: Sequence[Floats],
-    answer: Floats | None,
-) -> Picture:
+def draw_answer(image: NDArray[Any], truth: Floats | None, outline: Sequence[Floats], answer: Floats | None) -> Picture:
     """A piece of the image round the object, with its true outline and contacts and the contacts that were given.
 
     Args:

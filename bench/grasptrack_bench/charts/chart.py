@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.typing import Floats
-from grasptrack_bench.charts.markup import escape_html, format_number
-from grasptrack_bench.charts.palette import Series
+from grasptrack_bench.charts.palette import Series, escape_html, format_number
 
 
 @dataclass(frozen=True)

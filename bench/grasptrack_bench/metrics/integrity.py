@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grasptrack.statistics import upper_bound
 from grasptrack.typing import Floats
 from grasptrack_bench.metrics.score import FrameScore, errors_of
+from grasptrack_bench.metrics.statistics import upper_bound
 
 WHOLE = 0.995
 """Share of the outline that must be in view for the object to count as whole in view; less is the renderer's rounding."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -132,7 +132,10 @@ def summarise_run(run: EvaluationRun) -> Summary:
         by_group=rows_by(lambda c: c.group, groups),
         by_shape=rows_by(lambda c: c.shape, shapes),
         worst={m: tuple(worst_frames(run, m)) for m in run.methods},
-        reasons={m: tuple(_loss_reasons(run.runs(m, cases))) for m in run.methods},
+        reasons={
+            m: tuple(Score("", [f for frames in run.runs(m, cases) for f in frames if f.measured]).reasons())
+            for m in run.methods
+        },
     )
 
 
@@ -202,7 +205,3 @@ def _worst_record(method: str, case: Case, f: FrameScore) -> Worst:
     contacts = () if f.contacts is None else tuple((float(x), float(y)) for x, y in f.contacts)
     wrong = f.is_false_accept
     return Worst(method, case.name, case.disturbance, f.frame, f.error, f.limit, f.gone, wrong, contacts, f.confidence)
-
-
-def _loss_reasons(runs: Iterable[Sequence[FrameScore]]) -> list[tuple[str, int]]:
-    return Score("", [f for run in runs for f in run if f.measured]).reasons()

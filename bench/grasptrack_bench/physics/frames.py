@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from grasptrack.geometry.homographies import rotation_about_z
-from grasptrack.servo.camera import inverse_pose, pose_of
+from grasptrack.servo.camera import inverse_pose, pose_of, quaternion_of
 from grasptrack.typing import Floats
 
 __all__ = [
@@ -44,21 +44,8 @@ def tilt_rotation(angle: float, toward: float) -> Floats:
 
 
 def rotation_to_quaternion(R: Floats) -> Floats:
-    """(4,) w x y z of a rotation (3, 3), w not negative, by its largest component (S. W. Shepperd 1978)."""
-    t = float(np.trace(R))
-    candidates = np.array([t, R[0, 0], R[1, 1], R[2, 2]])
-    i = int(candidates.argmax())
-    if i == 0:
-        q = np.array([1.0 + t, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    else:
-        a, b, c = (i - 1, i % 3, (i + 1) % 3)
-        q = np.zeros(4)
-        q[0] = R[c, b] - R[b, c]
-        q[1 + a] = 1.0 + R[a, a] - R[b, b] - R[c, c]
-        q[1 + b] = R[b, a] + R[a, b]
-        q[1 + c] = R[c, a] + R[a, c]
-    q /= np.linalg.norm(q)
-    return np.asarray(-q if q[0] < 0.0 else q, dtype=np.float64)
+    """(4,) w x y z of a rotation (3, 3), as MuJoCo has it; w is not negative."""
+    return np.roll(quaternion_of(R), 1)
 
 
 def plane_to_image(K: Floats, camera_pose: Floats, plane: Floats, height: float = 0.0) -> Floats:

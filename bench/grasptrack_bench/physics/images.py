@@ -128,13 +128,7 @@ _FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), 
 
 
 class PlanarImages:
-    """Draws by homographies.
-
-    Args:
-        setting, hand: what is drawn.
-        seen: textures of table and part.
-        seed: of the noise.
-    """
+    """Draws by homographies."""
 
     def __init__(self, setting: Setting, hand: Gripper, seen: SceneAppearance, seed: int) -> None:
         self.levels = {"table": seen.table_level, "part": seen.surface_level, "hand": hand_level(seen)}

@@ -112,7 +112,7 @@ def sample_setting(
     place = frames.pose_of(rotation_about_z(yaw), np.zeros(3))
     goal = frames.project_points(camera.matrix, frames.inverse_pose(mount), np.zeros((1, 3)))[0]
     depth = float((frames.inverse_pose(mount) @ np.array([0.0, 0.0, 0.0, 1.0]))[2])
-    blocked = _open_hand_mask(camera, mount, hand)
+    blocked = hand_mask(camera, mount, hand, MAX_OPENING, grow=6)
     for attempt in range(400):
         tilt = float(rng.uniform(0.0, TILT)) if arm == "arm" else 0.0
         # seen from above, x toward y of the outline is from x to -y of the world
@@ -157,10 +157,6 @@ def _sample_camera_mount(rng: np.random.Generator) -> Floats:
     # y of the image is y of the hand; leaning toward the tips turns the axis from z toward +y
     R = frames.about_x(-aim) @ frames.about_y(aside) @ rotation_about_z(roll)
     return frames.pose_of(R, np.array([x, y, z]))
-
-
-def _open_hand_mask(camera: Pinhole, mount: Floats, hand: Gripper) -> NDArray[np.uint8]:
-    return hand_mask(camera, mount, hand, MAX_OPENING, grow=6)
 
 
 def hand_mask(camera: Pinhole, mount: Floats, hand: Gripper, opening: float, grow: int) -> NDArray[np.uint8]:

@@ -12,15 +12,8 @@ from typing import Literal
 import numpy as np
 
 from grasptrack.errors import InputError
-from grasptrack.statistics import bootstrap_counts, critical_value, mcnemar_probability
-from grasptrack_bench.metrics.paired import (
-    FEW_CASES,
-    PairedMeasure,
-    Unit,
-    measures_of,
-    units_of,
-    wrong_in_one,
-)
+from grasptrack_bench.metrics.paired import FEW_CASES, PairedMeasure, Unit, measures_of, units_of, wrong_in_one
+from grasptrack_bench.metrics.statistics import bootstrap_counts, critical_value, mcnemar_probability
 from grasptrack_bench.metrics.summary import ALL
 from grasptrack_bench.report.glossary import COMPARED
 from grasptrack_bench.run_folder import EvaluationRun, read_run

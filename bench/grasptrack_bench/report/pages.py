@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from grasptrack.files import whole_file
 from grasptrack_bench.charts import DASH, Chart, Series, format_number, format_percent
-from grasptrack_bench.charts.markup import escape_html, make_slug
-from grasptrack_bench.charts.palette import colour_variables, standalone_svg
+from grasptrack_bench.charts.palette import colour_variables, escape_html, make_slug, standalone_svg
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -161,15 +160,7 @@ def write_page(
 
 
 def keep_chart(folder: Path, name: str, chart: Chart, series: dict[str, Series], bands: str = "") -> str:
-    """A chart for a page, which is also written to a file of its own.
-
-    Args:
-        folder: of the file.
-        name: of the chart.
-        chart: to draw.
-        series: all that it may hold.
-        bands: the method whose bands the file shows.
-    """
+    """A chart for a page, also written to a file of its own, which shows the bands of the method `bands`."""
     from markupsafe import Markup
 
     svg = chart.svg()

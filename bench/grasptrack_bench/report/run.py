@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
-from grasptrack.statistics import upper_bound
 from grasptrack.typing import Floats, Progress
 from grasptrack_bench.charts import Chart, Series, format_number, format_percent, series_palette
 from grasptrack_bench.charts.answer import draw_answer
 from grasptrack_bench.metrics.integrity import precision_curve
+from grasptrack_bench.metrics.statistics import upper_bound
 from grasptrack_bench.metrics.summary import MethodRow, Summary, Worst, summarise_run, write_summary
 from grasptrack_bench.report import charts
 from grasptrack_bench.report.glossary import CURVES, TERMS

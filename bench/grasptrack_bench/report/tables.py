@@ -9,24 +9,16 @@ from pathlib import Path
 from typing import Literal
 
 from grasptrack_bench.charts import format_number, format_percent
-from grasptrack_bench.charts.markup import format_fixed
+from grasptrack_bench.charts.palette import format_fixed
 from grasptrack_bench.metrics.summary import MethodRow, summarise_run
 from grasptrack_bench.report.glossary import TERMS, Term
 from grasptrack_bench.report.pages import Cell, CellLike, Column, Line, PageTable, Tone
 from grasptrack_bench.run_folder import read_run
 
 ANSWERS = (
-    *(
-        "frames",
-        "frames_whole",
-        "located_whole",
-        "located_partly",
-        "tracked_visible",
-        "false_accepts",
-        "false_given_gone",
-    ),
-    *("false_bound", "risk_area", "recoveries", "returns", "recovery_frames"),
-)
+    "frames", "frames_whole", "located_whole", "located_partly", "tracked_visible", "false_accepts", "false_given_gone",
+    "false_bound", "risk_area", "recoveries", "returns", "recovery_frames",
+)  # fmt: skip
 """Columns of the table that says how often there were contacts, and how often wrong ones."""
 ERRORS = ("median_px", "rms_px", "p95_px", "max_px", "median_percent", "in_ellipse", "median_ms", "p99_ms")
 """Columns of the table that says how exact they were, and how long they took."""

@@ -29,8 +29,7 @@ def pixel_coverage(polygons: Sequence[Floats], width: int, height: int, sigma: f
 
     Args:
         polygons: (N, 2) px each, the outer one and its holes.
-        width: px.
-        height: px.
+        width, height: px.
         sigma: px, of the blur of lens and pixel together; at least 0.4, below which pixels would alias.
     """
     if sigma < 0.4:
@@ -110,8 +109,7 @@ def side_faces(
     Args:
         top: polygons (N, 2) px of the upper face, outer first.
         foot: those of the lower face, point by point.
-        width: px.
-        height: px.
+        width, height: px.
         sigma: px, of the blur.
         relief: (R, C) brightness around 1 of a print on them: rows from the top down, a column for each piece of the
             polygons, again and again. None is plain.

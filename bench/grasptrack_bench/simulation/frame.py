@@ -128,10 +128,6 @@ class SceneFrame:
         hinge, to_plane, _ = self.swing
         return hinge.holds(apply_homography(to_plane, self.camera.undistort(points)))[:, None]
 
-    def contacts(self, reference: ArrayLike) -> Floats:
-        """(k, 2) where contacts (k, 2) of frame 0 truly are in this frame."""
-        return self.carry(reference)
-
     def _map_points(self, H: Floats, points: ArrayLike) -> Floats:
         if not self.camera.distorted:
             return apply_homography(H, points)

@@ -224,11 +224,7 @@ def scale_shape(shape: Shape, size: float) -> Shape:
 
 
 class Room:
-    """How far every place of the table is from what lies there.
-
-    Args:
-        shapes: what lies there.
-    """
+    """How far every place of the table is from what lies there."""
 
     def __init__(self, shapes: Sequence[Shape]) -> None:
         side = round(2.0 * WIDE / CELL) + 1
@@ -310,11 +306,6 @@ def sheet_under(part: Shape, rng: np.random.Generator, level: float) -> Distract
     """A blank sheet of paper under a part, somewhat larger than it.
 
     Half of them lie parallel to the part's sides, as near as the least rectangle around it does; the others are askew.
-
-    Args:
-        part: it, at the origin.
-        rng: for its size and direction.
-        level: its grey level.
     """
     turn = math.radians(float(cv2.minAreaRect(part.outer.astype(np.float32))[2]))
     if rng.uniform() < 0.5:

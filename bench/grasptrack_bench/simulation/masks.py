@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -34,7 +33,8 @@ def shape_from_mask(mask: ArrayLike, name: str = "silhouette") -> Shape:
     Raises:
         ContourError: no image, nothing in it, or too little to be a part.
     """
-    return Shape.of(name, *_outer_and_holes(mask_polygons(mask, name)))
+    outer, *holes = mask_polygons(mask, name)
+    return Shape.of(name, outer, holes)
 
 
 def mask_polygons(mask: ArrayLike, name: str = "silhouette") -> list[Floats]:
@@ -61,18 +61,8 @@ def mask_polygons(mask: ArrayLike, name: str = "silhouette") -> list[Floats]:
         raise ContourError(f"{name}: the silhouette is too thin for a part", area=area)
     outer = int(np.argmax(areas))
     holes = [ring for ring, a in zip(rings, areas, strict=True) if a < -SMALLEST_HOLE]
-    inside = [
-        hole for hole in holes if cv2.pointPolygonTest(_as_cv_contour(rings[outer]), _first_point(hole), False) > 0
-    ]
+    inside = [hole for hole in holes if cv2.pointPolygonTest(_as_cv_contour(rings[outer]), hole[0].tolist(), False) > 0]
     return [_simplify_ring(ring) for ring in (rings[outer], *inside)]
-
-
-def _outer_and_holes(rings: Sequence[Floats]) -> tuple[Floats, list[Floats]]:
-    return rings[0], list(rings[1:])
-
-
-def _first_point(ring: Floats) -> tuple[float, float]:
-    return float(ring[0, 0]), float(ring[0, 1])
 
 
 def _as_cv_contour(ring: Floats) -> NDArray[np.float32]:

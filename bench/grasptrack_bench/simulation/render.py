@@ -39,8 +39,7 @@ class Renderer:
         shape: its outline, in table units, lying at the origin.
         table: the texture below it.
         surface: its own texture.
-        width: px.
-        height: px.
+        width, height: px.
         blur: px, see `Conditions`.
         colour: BGR images, else grey ones.
         camera: whose lens is used; None is a lens without distortion.

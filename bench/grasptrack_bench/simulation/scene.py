@@ -349,8 +349,7 @@ def bracket_scene(
     Args:
         frames: number of frames.
         seed: of path, textures and noise.
-        width: px.
-        height: px.
+        width, height: px.
         colour: BGR images, else grey ones.
     """
     u = np.linspace(0.0, 1.0, frames)

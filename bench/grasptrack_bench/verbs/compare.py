@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from grasptrack.cli import help_groups, options
-from grasptrack.cli.option_groups import option
+from grasptrack.cli.help_groups import option
 
 WORSE = 1
 """Exit status with --strict where something got worse."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from grasptrack.cli import help_groups, options
-from grasptrack.cli.option_groups import option
+from grasptrack.cli.help_groups import option
 from grasptrack.cli.terminal import command_line, show_rows, with_progress
 from grasptrack.errors import InputError
 

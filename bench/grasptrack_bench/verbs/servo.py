@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from grasptrack.cli import first_image, help_groups, options
-from grasptrack.cli.option_groups import option
+from grasptrack.cli.help_groups import option
 from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
 

@@ -8,7 +8,7 @@ from typing import Any
 import typer
 
 from grasptrack.cli import help_groups
-from grasptrack.cli.option_groups import with_options
+from grasptrack.cli.help_groups import with_options
 from grasptrack.errors import InputError, own_pip
 from grasptrack.plugins import load_plugin
 
@@ -36,9 +36,6 @@ class Verbs(help_groups.GroupedVerbs):
 
 def load_verb(name: str) -> Any:
     """The command of a verb of grasptrack-bench.
-
-    Args:
-        name: of `SHORT_HELP`.
 
     Raises:
         InputError: grasptrack-bench is not installed, or cannot be loaded.

@@ -9,8 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from grasptrack.cli.help_groups import LIMITS, OBJECT, SOURCE
-from grasptrack.cli.option_groups import as_asked, option
+from grasptrack.cli.help_groups import LIMITS, OBJECT, SOURCE, as_asked, option
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,9 +23,7 @@ if TYPE_CHECKING:
     from grasptrack.typing import Box, Floats, Pixels, Point
     from grasptrack.undistortion import Undistortion
 
-Sure = Annotated[
-    float, option(OBJECT, "P", "Probability from which the choice of the object is called sure.", "--sure")
-]
+Sure = Annotated[float, option(OBJECT, "P", "Probability from which the choice of the object is called sure.")]
 CameraPath = Annotated[
     str | None,
     option(
@@ -87,7 +84,7 @@ class FirstImageOptions:
         option(OBJECT, "X,Y", "Pixel in the (first) image that is not on the object, in px; may be repeated.", "--not"),
     ] = None
     box: Annotated[
-        str | None, option(OBJECT, "X,Y,W,H", "Rectangle around the object, in px: left, top, width, height.", "--box")
+        str | None, option(OBJECT, "X,Y,W,H", "Rectangle around the object, in px: left, top, width, height.")
     ] = None
     outline: Annotated[
         str | None,
@@ -95,7 +92,6 @@ class FirstImageOptions:
             OBJECT,
             '"X,Y X,Y ..."',
             "Rough polygon round the object in the (first) image, in px; it is moved onto the edges beside it.",
-            "--outline",
         ),
     ] = None
     mask: str | None = None
@@ -123,10 +119,7 @@ class FirstImageOptions:
     background: Annotated[
         str | None,
         option(
-            OBJECT,
-            "FILE",
-            "Image of the empty bench, from where the (first) image is taken; the light may differ.",
-            "--background",
+            OBJECT, "FILE", "Image of the empty bench, from where the (first) image is taken; the light may differ."
         ),
     ] = None
     camera: CameraPath = None
@@ -137,7 +130,6 @@ class FirstImageOptions:
             LIMITS,
             "MS",
             "Work that the search for the object may do, in ms of a common machine.",
-            "--first-look-ms",
             show_default="unlimited",
         ),
     ] = None
@@ -313,10 +305,6 @@ def read_ignored(path: str | None) -> Pixels | None:
 def only_image(name: str, taken: str) -> Frame:
     """The image of a file.
 
-    Args:
-        name: of the file.
-        taken: what the verb takes, for the message.
-
     Raises:
         SourceError, InputError: missing, unreadable, or more than one image.
     """
@@ -361,9 +349,6 @@ def find_outlines(scene: UserScene, segmenter: str | None = None) -> tuple[list[
 
 def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandSize, known: KnownGeometry) -> Settings:
     """How a tracker works that is asked for by these options, whatever the first image shows.
-
-    Args:
-        grasp, first, hand, known: the options.
 
     Raises:
         InputError: an option that cannot be read, or two that contradict each other.

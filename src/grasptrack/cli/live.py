@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from grasptrack.cli import first_image, help_groups, options, source_options
-from grasptrack.cli.help_groups import PAGE
-from grasptrack.cli.option_groups import as_asked, option
+from grasptrack.cli import first_image, help_groups, options
+from grasptrack.cli.help_groups import PAGE, as_asked, option
 from grasptrack.cli.terminal import Interruption, show_run
 from grasptrack.errors import InputError, install_hint
 
@@ -33,7 +32,7 @@ def live(
     first: first_image.FirstImageOptions,
     hand: options.HandSize,
     known: options.KnownGeometry,
-    images: source_options.SourceOptions,
+    images: options.SourceOptions,
     start: Annotated[
         bool, option(PAGE, None, "Follow the likeliest object of the first image without asking.", "--start")
     ] = False,
@@ -45,9 +44,7 @@ def live(
     ] = "127.0.0.1",
     port: Annotated[int, option(PAGE, "N", "Number of the port; 0 takes a free one.", min=0, max=65535)] = 8321,
     output: options.Output = options.OUTPUT_FOLDER / "live",
-    record_as: Annotated[
-        str, option(help_groups.OUTPUT, "NAME", "Kind of recordings: mp4, mcap or rrd.", "--record-as")
-    ] = "mp4",
+    record_as: Annotated[str, option(help_groups.OUTPUT, "NAME", "Kind of recordings: mp4, mcap or rrd.")] = "mp4",
     quiet: options.Quiet = False,
     max_megapixels: options.MaxMegapixels = None,
 ) -> None:
@@ -69,12 +66,7 @@ def live(
       grasptrack live camera:0 --host 0.0.0.0 --output run
     """
     options.one_of("--record-as", record_as, RECORDED_AS)
-    asked = {
-        **as_asked(grasp, hand, images, known),
-        **first.as_written(),
-        "start": start,
-        "record_as": record_as,
-    }
+    asked = {**as_asked(grasp, hand, images, known), **first.as_written(), "start": start, "record_as": record_as}
     grasp.finger_count(at_most_three=True)
     said = first.first_image(grasp.given_contacts())
     settings = first_image.tracker_settings(grasp, first, hand, known)

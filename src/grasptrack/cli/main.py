@@ -15,13 +15,11 @@ from typing import Annotated
 import typer
 
 from grasptrack.cli import bench_verbs, help_groups
-from grasptrack.cli.cameras import cameras
 from grasptrack.cli.demo import demo
-from grasptrack.cli.doctor import doctor
+from grasptrack.cli.help_groups import with_options
 from grasptrack.cli.inspect import inspect
 from grasptrack.cli.live import live
-from grasptrack.cli.models import models
-from grasptrack.cli.option_groups import with_options
+from grasptrack.cli.support import cameras, doctor, models
 from grasptrack.cli.synthesize import synthesize
 from grasptrack.cli.terminal import (
     INTERRUPTED,

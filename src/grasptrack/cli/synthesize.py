@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import first_image, help_groups, options
-from grasptrack.cli.candidates import note_candidates
-from grasptrack.cli.option_groups import as_asked, option
+from grasptrack.cli.advice import note_candidates
+from grasptrack.cli.help_groups import as_asked, option
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
 

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from grasptrack.cli import first_image, options, source_options
-from grasptrack.cli.advice import advice_for
-from grasptrack.cli.candidates import note_candidates
-from grasptrack.cli.option_groups import as_asked
+from grasptrack.cli import first_image, options
+from grasptrack.cli.advice import BackgroundVerdict, advice_for, note_candidates
+from grasptrack.cli.help_groups import as_asked
 from grasptrack.cli.terminal import Interruption, ProgressBar, RunInterruptedError, show_run
-from grasptrack.cli.verdict import BackgroundVerdict
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,9 +41,9 @@ def track(
     first: first_image.MaskedFrames,
     hand: options.HandSize,
     known: options.KnownGeometry,
-    images: source_options.SourceOptions,
+    images: options.SourceOptions,
     output: options.Output = options.OUTPUT_FOLDER / "track",
-    recording: source_options.RecordingOptions,
+    recording: options.RecordingOptions,
     no_video: options.NoVideo = False,
     quiet: options.Quiet = False,
     max_megapixels: options.MaxMegapixels = None,
@@ -90,7 +88,7 @@ def track(
     said = first.first_image(grasp.given_contacts())
     tracking = first_image.tracker_settings(grasp, first, hand, known)
 
-    from grasptrack.io.bags.readers import METADATA
+    from grasptrack.io.bags.source import METADATA
     from grasptrack.io.live import LiveSource
     from grasptrack.io.masks import open_masks
     from grasptrack.io.recording import tracking_options

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from grasptrack.cli import first_image, help_groups, options
-from grasptrack.cli.option_groups import as_asked, option
+from grasptrack.cli.help_groups import as_asked, option
 from grasptrack.cli.terminal import format_number, show_rows, tell_error
 from grasptrack.errors import GraspTrackError, InputError, TransferError
 from grasptrack.presentation import format_confidence

@@ -30,13 +30,12 @@ class RenderedSource(Source):
     Args:
         frames: the scene's.
         fps: frames/s.
-        name: for run.json.
     """
 
     kind = "scene"
 
-    def __init__(self, frames: Sequence[DemoFrame], fps: float, name: str = DemoScene.name) -> None:
-        super().__init__(name, fps)
+    def __init__(self, frames: Sequence[DemoFrame], fps: float) -> None:
+        super().__init__(DemoScene.name, fps)
         self.count = len(frames)
         self._frames = frames
 

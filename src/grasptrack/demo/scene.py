@@ -78,8 +78,7 @@ class DemoScene:
         part: in table units.
         drawing: (SIDE, SIDE, 3) of the table with the part on it; BGR.
         table_to_image: (F, 3, 3) table units to px, for each frame.
-        width: px.
-        height: px.
+        width, height: px.
         colour: BGR images, else grey ones.
         seed: of light and noise.
     """
@@ -138,8 +137,7 @@ def demo_scene(
     Args:
         frames: number of frames; more make the same motion slower.
         seed: of materials, light and noise.
-        width: px.
-        height: px.
+        width, height: px.
         colour: BGR images, else grey ones.
     """
     u = np.linspace(0.0, 1.0, frames)
@@ -181,8 +179,7 @@ def still_life(seed: int = 3, *, width: int = 640, height: int = 480) -> Pixels:
 
     Args:
         seed: of materials and noise.
-        width: px.
-        height: px.
+        width, height: px.
     """
     shapes = {"spanner": _make_spanner(), "gasket": _make_gasket(), "disc": _part(_circle(0.0, 0.0, 1.0))}
     shapes["plate"] = _part(np.array([(-0.8, -0.5), (0.8, -0.5), (0.8, 0.5), (-0.8, 0.5)]))
@@ -264,14 +261,15 @@ def _smooth_noise(rng: np.random.Generator, size: int, sx: float, sy: float) -> 
     return np.asarray(field / field.std(), np.float32)
 
 
-def _enlarge_relief(relief: Floats | Floats32, colour: tuple[int, int, int], side: int = SIDE) -> Pixels:
-    """(side, side, 3) BGR: a relief around 1 times a colour."""
-    large = cv2.resize(np.asarray(relief, np.float32), (side, side), interpolation=cv2.INTER_CUBIC)
+def _enlarge_relief(relief: Floats | Floats32, colour: tuple[int, int, int]) -> Pixels:
+    """(SIDE, SIDE, 3) BGR: a relief around 1 times a colour."""
+    large = cv2.resize(np.asarray(relief, np.float32), (SIDE, SIDE), interpolation=cv2.INTER_CUBIC)
     return np.asarray(cv2.merge([cv2.convertScaleAbs(large, alpha=channel) for channel in colour]), np.uint8)
 
 
-def _wood_texture(rng: np.random.Generator, planks: int = 5) -> Pixels:
+def _wood_texture(rng: np.random.Generator) -> Pixels:
     """(SIDE, SIDE, 3) BGR: planks with year rings, fibres and faint seams."""
+    planks = 5
     across = np.arange(GRAIN) * planks / GRAIN
     plank = across.astype(np.int64)
     bend = _smooth_noise(rng, GRAIN, 170.0, 22.0)

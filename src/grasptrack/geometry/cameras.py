@@ -90,10 +90,7 @@ class Camera:
         """Whether straight lines are seen bent."""
         return self.model == "fisheye" or bool(self.distortion.any())
 
-    @arguments.checked(
-        width=arguments.whole,
-        height=arguments.whole,
-    )
+    @arguments.checked(width=arguments.whole, height=arguments.whole)
     def resized(self, width: int, height: int) -> Camera:
         """The same camera with its images scaled to another size of the same shape.
 
@@ -115,17 +112,13 @@ class Camera:
             K[axis, 2] += 0.5 * scale[axis] - 0.5
         return Camera(K, self.distortion, self.model, (width, height))
 
-    @arguments.checked(
-        points=arguments.array(..., 2),
-    )
+    @arguments.checked(points=arguments.array(..., 2))
     def distort(self, points: ArrayLike) -> Floats:
         """(N, 2) px seen, of points (N, 2) in ideal px."""
         p = np.asarray(points, dtype=np.float64)
         return self._rays_to_pixels(self._seen_rays(self._pixels_to_rays(p))) if self.distorted else p.copy()
 
-    @arguments.checked(
-        points=arguments.array(..., 2),
-    )
+    @arguments.checked(points=arguments.array(..., 2))
     def undistort(self, points: ArrayLike) -> Floats:
         """(N, 2) ideal px, of points (N, 2) in px seen: the inverse of `distort`, by Newton's method, to rounding."""
         p = np.asarray(points, dtype=np.float64)
@@ -140,9 +133,7 @@ class Camera:
                 break
         return self._rays_to_pixels(rays)
 
-    @arguments.checked(
-        points=arguments.array(..., 2),
-    )
+    @arguments.checked(points=arguments.array(..., 2))
     def jacobian(self, points: ArrayLike) -> Floats:
         """(N, 2, 2) derivatives of the px seen by the ideal px, at points (N, 2) in ideal px."""
         p = np.asarray(points, dtype=np.float64)
@@ -154,9 +145,7 @@ class Camera:
         )
         return np.asarray(A @ slopes @ np.linalg.inv(A), dtype=np.float64)
 
-    @arguments.checked(
-        points=arguments.array(..., 2),
-    )
+    @arguments.checked(points=arguments.array(..., 2))
     def within(self, points: ArrayLike) -> NDArray[np.bool_]:
         """(N,) whether the calibration itself holds at points (N, 2) in ideal px, and not its tangent."""
         return np.asarray(np.hypot(*np.moveaxis(self._pixels_to_rays(np.asarray(points)), -1, 0)) <= self.holds)

@@ -13,7 +13,7 @@ from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspError, InputError
 from grasptrack.geometry.contours import Outline, OutlineLike, as_outline, outline_like
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.typing import Bools, Floats
+from grasptrack.typing import Floats
 
 DEFAULT_FRICTION = 0.5
 FINGER_WIDTH = 0.1
@@ -222,43 +222,3 @@ def _refusal_reason(fingers: int, closure: ForceClosure) -> str:
         "the grasp line leaves a friction cone" if fingers == 2 else "the contact wrenches do not surround the origin"
     )
     return f"{what}: closing needs friction {math.tan(needed):.2f}, there is {friction:.2f}"
-
-
-def closes_after(outline: Outline, contacts: Floats, slips: Floats, friction: float) -> Bools:
-    """(n,) whether a grasp closes after its contacts have slipped along the outline: what independent regions promise.
-
-    Args:
-        outline: a Contour or View.
-        contacts: (k, 2) px, the grasp's; they are moved onto the outline.
-        slips: (n, k) px of arc length, along the direction of the contours.
-        friction: Coulomb coefficient.
-    """
-    n, k = slips.shape
-    places = np.empty((n, k, 2))
-    for i, (contour, position, _) in enumerate(
-        kernels.project_to_contour(outline.points, outline.offsets, contacts).tolist()
-    ):
-        line = outline.contours[int(contour)]
-        s = line.arc_length
-        here = np.interp(position, np.arange(len(s)), s)
-        places[:, i, 0] = contour
-        places[:, i, 1] = np.interp(np.mod(here + slips[:, i], line.length), s, np.arange(len(s))) % len(line)
-    return _closes_at_places(outline, places.reshape(-1, 2), k, friction)
-
-
-def closes_at(outline: Outline, points: Floats, friction: float) -> Bools:
-    """(n,) whether contacts at the places of an outline that are nearest to points (n, k, 2) px close."""
-    places = kernels.project_to_contour(outline.points, outline.offsets, np.ascontiguousarray(points.reshape(-1, 2)))
-    return _closes_at_places(outline, places, points.shape[1], friction)
-
-
-def _closes_at_places(outline: Outline, places: Floats, k: int, friction: float) -> Bools:
-    area, *centre = kernels.polygon_moments(outline.points, outline.offsets)[:3]
-    size = math.sqrt(area)
-    contacts = kernels.point_at(outline.points, outline.offsets, places).reshape(-1, k, 2)
-    frames = kernels.contact_frames(outline.points, outline.offsets, places, FINGER_WIDTH * size)
-    normals = np.ascontiguousarray(frames[:, :2]).reshape(-1, k, 2)
-    at = (centre[0], centre[1])
-    return np.array(
-        [ForceClosure.of(c, n, at, 0.5 * size, friction).closes for c, n in zip(contacts, normals, strict=True)]
-    )

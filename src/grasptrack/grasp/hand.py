@@ -63,10 +63,6 @@ CLEARANCE = Length(0.03, "size")
 def parse_length(text: str, name: str) -> Length:
     """A length from "120", "120px", "40mm", "4cm", "0.04m", "1.6in", "1.6inch" or "30%", a share of the object's sqrt(area).
 
-    Args:
-        text: the length.
-        name: what it is, for the message.
-
     Raises:
         InputError: anything else, or not positive.
     """
@@ -95,10 +91,6 @@ class Measure(NamedTuple):
 
 def parse_measure(text: str, name: str) -> Measure:
     """A length of the world from "120mm", "12 cm", "0.12m" or "4.7in".
-
-    Args:
-        text: the length.
-        name: what it is, for the message.
 
     Raises:
         InputError: anything else, or not positive.

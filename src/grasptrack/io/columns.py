@@ -161,23 +161,10 @@ COLUMNS = (
 """In the order of grasps.csv; new ones come at the end."""
 NAMED = {column.name: column for column in COLUMNS}
 IN_JSON = (
-    *(
-        "frame",
-        "time_s",
-        "status",
-        "reason",
-        "reason_code",
-        "strategy",
-        "grasp_id",
-        "contacts",
-        "covariances",
-        "seen",
-        "edge",
-        "surface",
-    ),
-    *("homography", "confidence", "chance", "margin", "margin_sd", "margin_image", "tilt", "tilt_sd"),
-    *("distance", "distance_sd", "mended", "notice", "object_sure", "object_probability", "latency_ms"),
-)
+    "frame", "time_s", "status", "reason", "reason_code", "strategy", "grasp_id", "contacts", "covariances", "seen", "edge",
+    "surface", "homography", "confidence", "chance", "margin", "margin_sd", "margin_image", "tilt", "tilt_sd", "distance",
+    "distance_sd", "mended", "notice", "object_sure", "object_probability", "latency_ms",
+)  # fmt: skip
 """The order of lines of JSON and of recordings."""
 UNITS = {column.name: column.unit for column in COLUMNS if column.unit}
 

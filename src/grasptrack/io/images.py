@@ -102,10 +102,6 @@ def read_image(path: Path) -> Image:
 def decode_image(data: bytes, name: str) -> Image:
     """The same from a file's content.
 
-    Args:
-        data: the whole file.
-        name: what to call it in messages.
-
     Raises:
         SourceError: truncated, no image, or above the limit of size.
     """

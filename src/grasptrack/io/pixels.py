@@ -161,19 +161,13 @@ def _unpack_values(data: NDArray[np.uint8], width: int, height: int, form: Pixel
     return values.ravel()[:count].reshape(height, width)
 
 
-def to_image(raw: NDArray[Any], form: PixelFormat, bits: int | None = None) -> NDArray[np.uint8]:
-    """Raw values as grey (H, W) or BGR (H, W, 3), 8 bits.
-
-    Args:
-        raw: as `raw_image` gives it.
-        form: how it was read.
-        bits: that are used, where the format tells less; None takes the format's.
-    """
+def to_image(raw: NDArray[Any], form: PixelFormat) -> NDArray[np.uint8]:
+    """Raw values, as `raw_image` gives them, as grey (H, W) or BGR (H, W, 3), 8 bits."""
     import cv2
 
     image: Any = raw
     if image.dtype != np.uint8:
-        image = cv2.convertScaleAbs(image, alpha=255.0 / ((1 << (bits or form.bits)) - 1))
+        image = cv2.convertScaleAbs(image, alpha=255.0 / ((1 << form.bits) - 1))
         image = image.reshape(raw.shape)
     if form.order == "mono" or form.order == "bgr":
         return np.ascontiguousarray(image, dtype=np.uint8)

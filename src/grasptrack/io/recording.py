@@ -59,9 +59,6 @@ def open_recording(path: Path, *, quality: int | None = None, options: Callable[
     Whoever writes waits only where as many images wait already as are held at most (`grasptrack.io.limits.most_held`); none
     is lost. What goes wrong in writing is raised by the next `write`, or by `close`.
 
-    Args:
-        path, quality, options: as of `create_recording`.
-
     Raises:
         InputError: as of `create_recording`.
     """
@@ -273,11 +270,7 @@ class WriterThread:
 
 
 class BackgroundRecording:
-    """A recording that whoever writes to it does not wait for, but where too many images wait already; nothing is lost.
-
-    Args:
-        recording: as of `WriterThread`.
-    """
+    """A recording that whoever writes to it does not wait for, but where too many images wait already; nothing is lost."""
 
     def __init__(self, recording: Recording) -> None:
         self.path = recording.path

@@ -48,12 +48,7 @@ class GraspsCsv:
             raise
 
     def write(self, result: TrackResult, index: int, time: float | None) -> None:
-        """Add the row of one frame.
-
-        Args:
-            result: the tracker's answer.
-            index: the frame's number in its source.
-            time: the frame's time, s.
+        """Add the row of one frame, arguments as of `csv_cells`.
 
         Raises:
             OSError: it cannot be written; the file ends with the row before.

@@ -124,10 +124,6 @@ class VideoSource(Source):
 def check_stream(container: Any, name: str) -> None:
     """See that what was opened holds a video of a size that is read, and limit its decoder to that.
 
-    Args:
-        container: open, as PyAV has it.
-        name: what to call it in messages.
-
     Raises:
         SourceError: no video, or above the limit of size.
     """

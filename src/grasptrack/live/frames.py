@@ -17,18 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from grasptrack.first_image import FirstImage
 from grasptrack.io.columns import NAMED
 from grasptrack.io.images import encode_jpeg
-from grasptrack.live.advisor import Proposal
-from grasptrack.live.curves import CurvePoint
-from grasptrack.live.state import Shown
+from grasptrack.live.advisor import Proposal, WireState
+from grasptrack.live.state import CurvePoint, Shown
 from grasptrack.presentation import plain_value
 from grasptrack.segmentation.candidate import describe_candidate
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
-from grasptrack.view.marks import cone_length, friction_cones
+from grasptrack.view.draw import cone_length, friction_cones
 
 UNITS_PER_PX = 100.0
 """Of lines."""
@@ -61,6 +59,7 @@ class Painter:
 
 def moment_to_json(shown: Shown) -> bytes:
     """A moment, without its image."""
+    told = shown.verdict
     content: dict[str, Any] = {
         "number": shown.number,
         "phase": shown.phase,
@@ -69,14 +68,14 @@ def moment_to_json(shown: Shown) -> bytes:
         "image": shown.image,
         "friction": shown.friction,
         "fingers": shown.fingers,
-        "meant": _meant_entry(shown.meant),
+        "meant": {"on": shown.meant.object_at, "off": shown.meant.not_at, "box": shown.meant.box},
         "notice": {"number": shown.notice[0], "text": shown.notice[1]},
         "recording": {"name": shown.recording, "images": shown.recorded, "dropped": shown.dropped},
         "files": shown.files,
         "result": None if shown.result is None else _result_entry(shown.result),
         "candidates": [] if shown.proposal is None else _candidate_entries(shown.proposal),
-        "verdict": None if shown.verdict is None else _verdict_entry(shown),
-        "wire": None if shown.wire is None else _wire_entry(shown),
+        "verdict": told and {"level": told.level, "expectation": told.expectation, "reasons": told.reasons},
+        "wire": None if shown.wire is None else _wire_entry(shown.wire),
         "hover": None if shown.hover is None else {"image": shown.hover.image, "outline": _line(shown.hover.outline)},
     }
     if shown.arrival is not None:
@@ -132,19 +131,7 @@ def _candidate_entries(proposal: Proposal) -> list[dict[str, Any]]:
     ]
 
 
-def _verdict_entry(shown: Shown) -> dict[str, Any]:
-    assert shown.verdict is not None
-    verdict = shown.verdict
-    return {"level": verdict.level, "expectation": verdict.expectation, "reasons": verdict.reasons}
-
-
-def _meant_entry(meant: FirstImage) -> dict[str, Any]:
-    return {"on": meant.object_at, "off": meant.not_at, "box": meant.box}
-
-
-def _wire_entry(shown: Shown) -> dict[str, Any]:
-    assert shown.wire is not None
-    wire = shown.wire
+def _wire_entry(wire: WireState) -> dict[str, Any]:
     return {
         "image": wire.image,
         "points": wire.points,

@@ -17,11 +17,9 @@ from grasptrack.io.results import RunSummary
 from grasptrack.io.run import FILES, Run, prepare_output
 from grasptrack.live.advisor import Advisor
 from grasptrack.live.commands import Command
-from grasptrack.live.curves import Curves
-from grasptrack.live.inbox import Inbox, KeptImages
-from grasptrack.live.player import Player
+from grasptrack.live.inbox import Inbox, KeptImages, Player
 from grasptrack.live.recorder import Recordings, describe_recording
-from grasptrack.live.state import Shown
+from grasptrack.live.state import Curves, Shown
 
 PATIENCE = 3.0
 """s that a device is waited for when its source is closed."""
@@ -33,13 +31,9 @@ class SessionLoop(ABC):
     """Plays a source into a thread that takes images, helpers' answers and people's words one after another.
 
     Args:
-        source: nobody else reads it.
-        output: the run's folder; an earlier run's files in it are replaced.
+        source, output, options, record_as, pace: as of `LiveSession`.
         fingers: contacts that grasps.csv has columns for.
         shown: the moment before the first.
-        options: what the user asked for, for run.json.
-        record_as: suffix of recordings.
-        pace: play files at their own rate.
 
     Attributes:
         curves: of the last images.

@@ -31,11 +31,10 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from grasptrack.errors import InputError
 from grasptrack.live.commands import LARGEST, command_of, parse_message
-from grasptrack.live.curves import CurvePoint
 from grasptrack.live.frames import Painter
 from grasptrack.live.guard import LOOPBACK, Guard
 from grasptrack.live.session import LiveSession
-from grasptrack.live.state import Shown
+from grasptrack.live.state import CurvePoint, Shown
 
 PAGE = {
     "index.html": "text/html",
@@ -126,11 +125,7 @@ class PageServer:
 
 
 class Hub:
-    """Wakes browsers' senders when there is something new, and costs nothing where nobody looks on.
-
-    Args:
-        session: that is shown.
-    """
+    """Wakes browsers' senders when there is something new, and costs nothing where nobody looks on."""
 
     def __init__(self, session: LiveSession) -> None:
         self.session = session

@@ -31,9 +31,8 @@ from grasptrack.live.advisor import (
     outline_under,
     propose_object,
 )
-from grasptrack.live.inbox import Arrival
+from grasptrack.live.inbox import Arrival, Ended
 from grasptrack.live.loop import SessionLoop
-from grasptrack.live.player import Ended
 from grasptrack.live.settings import Settings, shared_segmenter
 from grasptrack.live.state import Shown
 from grasptrack.tracking.result import TrackResult

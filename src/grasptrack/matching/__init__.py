@@ -7,13 +7,6 @@ from grasptrack.matching.samples import Sampled
 from grasptrack.matching.symmetry import Symmetries, SymmetryTurn, find_symmetries
 
 __all__ = [
-    "Match",
-    "MatchOutcome",
-    "Sampled",
-    "Symmetries",
-    "SymmetryTurn",
-    "find_symmetries",
-    "judge_hypotheses",
-    "match_outlines",
-    "refine_homographies",
-]
+    "Match", "MatchOutcome", "Sampled", "Symmetries", "SymmetryTurn", "find_symmetries", "judge_hypotheses",
+    "match_outlines", "refine_homographies",
+]  # fmt: skip

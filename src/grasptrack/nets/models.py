@@ -12,7 +12,6 @@ import hashlib
 import os
 import urllib.error
 import urllib.request
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -178,35 +177,28 @@ def installed_files(model: NetModel) -> tuple[Path, ...]:
     return model_paths(model)
 
 
-def download_model(model: NetModel, tell: Callable[[int], None] | None = None) -> tuple[Path, ...]:
-    """Fetch the files of a model, check their hashes, and keep them.
-
-    Args:
-        model: from MODELS.
-        tell: called with the bytes read so far of each file.
+def download_model(model: NetModel) -> tuple[Path, ...]:
+    """Fetch the files of a model of MODELS, check their hashes, and keep them.
 
     Raises:
         InputError: one cannot be reached, or what came is another file, which is not kept then.
     """
     paths = model_paths(model)
     for file, path in zip(model.files, paths, strict=True):
-        _download_file(model.name, file, path, tell)
+        _download_file(model.name, file, path)
     return paths
 
 
-def _download_file(name: str, file: ModelFile, path: Path, tell: Callable[[int], None] | None) -> None:
+def _download_file(name: str, file: ModelFile, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
     algorithm, _, wanted = file.digest.partition(":")
-    digest, read = hashlib.new(algorithm), 0
+    digest = hashlib.new(algorithm)
     try:
         with urllib.request.urlopen(file.url, timeout=TIMEOUT_S) as answer, part.open("wb") as out:
             while block := answer.read(_BLOCK):
                 out.write(block)
                 digest.update(block)
-                read += len(block)
-                if tell is not None:
-                    tell(read)
         if digest.hexdigest() != wanted:
             raise InputError(
                 f'what {file.url} gave is not model "{name}": its {algorithm} is {digest.hexdigest()}, not {wanted}',

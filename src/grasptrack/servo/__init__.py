@@ -14,17 +14,6 @@ from grasptrack.servo.self_calibration import Exploration
 from grasptrack.servo.watchdog import Bounds, Limits
 
 __all__ = [
-    "LAWS",
-    "Bounds",
-    "Closing",
-    "Command",
-    "Exploration",
-    "Gain",
-    "Goal",
-    "GraspPose",
-    "GraspServo",
-    "HandEye",
-    "Limits",
-    "LossPolicy",
-    "NominalCamera",
-]
+    "LAWS", "Bounds", "Closing", "Command", "Exploration", "Gain", "Goal", "GraspPose", "GraspServo", "HandEye",
+    "Limits", "LossPolicy", "NominalCamera",
+]  # fmt: skip

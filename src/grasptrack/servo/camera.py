@@ -51,6 +51,20 @@ def rotation_vector(R: Floats) -> Floats:
     return np.asarray(0.5 * axis * (angle / sine if sine > 1e-9 else 1.0))
 
 
+def quaternion_of(R: Floats) -> Floats:
+    """(4,) x, y, z, w of a rotation (3, 3); w is not negative."""
+    # the largest of the four is found from the diagonal, the others by it (S. W. Shepperd 1978)
+    xx, yy, zz = np.diag(R).tolist()
+    four = np.array([
+        [1.0 + xx - yy - zz, R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[2, 1] - R[1, 2]],
+        [R[0, 1] + R[1, 0], 1.0 - xx + yy - zz, R[1, 2] + R[2, 1], R[0, 2] - R[2, 0]],
+        [R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], 1.0 - xx - yy + zz, R[1, 0] - R[0, 1]],
+        [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], 1.0 + xx + yy + zz],
+    ])  # fmt: skip
+    q = four[int(np.argmax(np.diag(four)))]
+    return np.asarray(q / np.linalg.norm(q) * (-1.0 if q[3] < 0.0 else 1.0))
+
+
 def pose_of(rotation_: Floats, position: ArrayLike) -> Floats:
     """A pose (4, 4) from a rotation (3, 3) and a position (3,) in m."""
     out = np.eye(4)

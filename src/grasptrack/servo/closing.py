@@ -73,11 +73,7 @@ class Closing:
 
 
 class CloseGate:
-    """Says why the hand may not close yet.
-
-    Args:
-        closing: what it takes.
-    """
+    """Says why the hand may not close yet."""
 
     def __init__(self, closing: Closing) -> None:
         self._asked = closing

@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the hand is told: a twist, a state and a reason."""
+"""What the servo is told in a call, and what it tells the hand: a twist, a state and a reason."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from grasptrack.equality import compared_by_value
 from grasptrack.servo.grasp_pose import GraspPose
 from grasptrack.servo.law import Aim
+from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
 State = Literal[
@@ -92,3 +93,20 @@ class Intent:
         return Command(
             twist, self.state, self.reason, self.close, f.error, f.error_px, f.height, f.final, self.open, pose
         )
+
+
+class ServoCall(NamedTuple):
+    """A call, and what comes with it.
+
+    Attributes:
+        time, step: s, the servo's own time, and the step that counts.
+        hand: (4, 4).
+        result: the answer for a new image; None where there is none.
+        why: why there is none.
+    """
+
+    time: float
+    step: float
+    hand: Floats
+    result: TrackResult | None
+    why: str

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,11 +16,10 @@ from grasptrack.errors import InputError
 from grasptrack.servo.camera import NominalCamera, check_pose
 from grasptrack.servo.clock import SAME_IMAGE, ImageGate, ServoClock, Tick
 from grasptrack.servo.closing import CloseGate, Closing, judge_opening
-from grasptrack.servo.command import OVER, Command, Intent, State
+from grasptrack.servo.command import OVER, Command, Intent, ServoCall, State
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.first_estimate import ImageFrame
 from grasptrack.servo.goal import MAX_OPENING, Goal
-from grasptrack.servo.grasp_pose import GraspPose, grasp_pose
 from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.law import TWIST_AXES, Aim, Approach, Gain, compute_aim
 from grasptrack.servo.loss import LossHandler, LossPolicy, Trail
@@ -51,23 +50,6 @@ OBJECT_UNSURE = (
     "confirm it (number=1), or ask for less (sure=0)"
 )
 """What a servo says while it does not move for that."""
-
-
-class _Now(NamedTuple):
-    """A call.
-
-    Attributes:
-        time, step: s, the servo's own time, and the step that counts.
-        hand: (4, 4).
-        result: the answer for a new image; None where there is none.
-        why: why there is none.
-    """
-
-    time: float
-    step: float
-    hand: Floats
-    result: TrackResult | None
-    why: str
 
 
 class GraspServo:
@@ -101,24 +83,16 @@ class GraspServo:
     """
 
     @arguments.checked(
-        goal=arguments.instance(Goal),
-        dof=arguments.whole,
-        law=arguments.text,
-        camera=arguments.optional(arguments.instance(NominalCamera)),
-        size=arguments.array(2),
-        limits=arguments.optional(arguments.instance(Limits)),
-        gain=arguments.optional(arguments.instance(Gain)),
+        goal=arguments.instance(Goal), dof=arguments.whole, law=arguments.text,
+        camera=arguments.optional(arguments.instance(NominalCamera)), size=arguments.array(2),
+        limits=arguments.optional(arguments.instance(Limits)), gain=arguments.optional(arguments.instance(Gain)),
         loss=arguments.optional(arguments.instance(LossPolicy)),
         exploration=arguments.optional(arguments.instance(Exploration)),
-        closing=arguments.optional(arguments.instance(Closing)),
-        bounds=arguments.optional(arguments.instance(Bounds)),
-        standoff=arguments.finite,
-        latency=arguments.finite,
-        time_limit=arguments.number,
-        max_age=arguments.optional(arguments.number),
-        retries=arguments.whole,
+        closing=arguments.optional(arguments.instance(Closing)), bounds=arguments.optional(arguments.instance(Bounds)),
+        standoff=arguments.finite, latency=arguments.finite, time_limit=arguments.number,
+        max_age=arguments.optional(arguments.number), retries=arguments.whole,
         calibration=arguments.optional(arguments.instance(HandEye)),
-    )
+    )  # fmt: skip
     def __init__(
         self,
         goal: Goal,
@@ -226,7 +200,11 @@ class GraspServo:
             raise InputError(f"an opening is 0 or more, in m, not {opening:g}", opening=opening)
         if self.state != "closing":
             return
-        why = "" if held or opening is None else judge_opening(opening, self._width_m(), self.goal.opening or math.nan)
+        why = (
+            ""
+            if held or opening is None
+            else judge_opening(opening, self._known.contact_width(), self.goal.opening or math.nan)
+        )
         if held or (held is None and not why):
             self._set_state("done", "something is held")
         elif self._retries > 0:
@@ -314,9 +292,12 @@ class GraspServo:
             wanted = Intent("failed", verdict.failure)
         self._set_state(wanted.state, " ".join(wanted.reason.split()))
         self._arm.set_twist(verdict.twist)
-        return wanted.command_with(verdict.twist, self._grasp_pose(hand, tick.now, time))
+        pose = self._known.grasp_pose_at(len(self.goal.points), hand, tick.now)
+        return wanted.command_with(verdict.twist, None if pose is None else replace(pose, time=float(time)))
 
-    def _take_in(self, tick: Tick, hand: Floats, result: TrackResult | None, time: float, taken: float | None) -> _Now:
+    def _take_in(
+        self, tick: Tick, hand: Floats, result: TrackResult | None, time: float, taken: float | None
+    ) -> ServoCall:
         """The call as what it is: with a new image, or without one."""
         if tick.jump:
             self._images.forget_times()
@@ -338,10 +319,10 @@ class GraspServo:
                 self._watchdog.note_image(tick.now, self._images.image_interval)
             if not why and not self._watchdog.is_blind(tick.now):
                 self._age, self._result = age, result
-                return _Now(tick.now, tick.step, hand, result, "")
-        return _Now(tick.now, tick.step, hand, None, why or SAME_IMAGE)
+                return ServoCall(tick.now, tick.step, hand, result, "")
+        return ServoCall(tick.now, tick.step, hand, None, why or SAME_IMAGE)
 
-    def _decide_intent(self, now: _Now, tick: Tick) -> Intent:
+    def _decide_intent(self, now: ServoCall, tick: Tick) -> Intent:
         """What the states say, the most urgent first."""
         if self.over:
             return Intent(self.state, self.reason)
@@ -372,7 +353,7 @@ class GraspServo:
                 return self._retreating_intent(now)
             return Intent("holding", "what is told of hand and object does not fit together: begins anew")
 
-    def _decide_motion(self, now: _Now) -> Intent:
+    def _decide_motion(self, now: ServoCall) -> Intent:
         known = self._known
         seen, fits = (None, False) if now.result is None else self._observe_result(now, now.result)
         if known.failed or known.restarts > MAX_RESTARTS or known.displacements > MAX_DISPLACEMENTS:
@@ -392,7 +373,7 @@ class GraspServo:
             return self._exploring_intent(now)
         return self._handle_loss(now, now.result, seen is not None)
 
-    def _observe_result(self, now: _Now, result: TrackResult) -> tuple[Observation | None, bool]:
+    def _observe_result(self, now: ServoCall, result: TrackResult) -> tuple[Observation | None, bool]:
         """The sighting of a result, and whether it fits what is known."""
         known = self._known
         if result.grasp_id is not None and result.grasp_id != self._grasp:
@@ -409,12 +390,12 @@ class GraspServo:
             known.failed = known.failed or self._follows.why_not(seen, known.estimate)
         return seen, known.take_observation(seen)
 
-    def _exploring_intent(self, now: _Now) -> Intent:
+    def _exploring_intent(self, now: ServoCall) -> Intent:
         known = self._known
-        twist = known.exploratory_twist(now.time - self._age - known.lateness) + self._following_twist(now.hand)
+        twist = known.exploratory_twist(now.time - self._age - known.lateness) + self._known.following_twist(now.hand)
         return Intent("approaching", f"exploratory move: {known.move_name()}", twist)
 
-    def _intent_between(self, now: _Now) -> Intent:
+    def _intent_between(self, now: ServoCall) -> Intent:
         """What to do before the next image."""
         known, last, patience = self._known, self._result, self._watchdog.patience
         if last is None:
@@ -429,11 +410,11 @@ class GraspServo:
                 return self._exploring_intent(now)
             found = self._compute_aim(now, None)
             if found is not None:
-                twist = self.limits.joined(found.twist, self._following_twist(now.hand))
+                twist = self.limits.joined(found.twist, self._known.following_twist(now.hand))
                 return Intent(self.state, self.reason, twist, found)
         return self._handle_loss(now, last, False)
 
-    def _approach_goal(self, now: _Now, result: TrackResult, seen: Observation) -> Intent:
+    def _approach_goal(self, now: ServoCall, result: TrackResult, seen: Observation) -> Intent:
         found = self._compute_aim(now, seen)
         if found is None:
             self._known.restart_estimate()
@@ -441,7 +422,7 @@ class GraspServo:
         self._trail.add(now.time, now.hand)
         if self._known.displacements == 0:  # what is found displaced still lies on the same table
             self._watchdog.floor = found.height - self._watchdog.rise_of(now.hand) + FLOOR_BELOW_GOAL
-        carried = self._following_twist(now.hand)
+        carried = self._known.following_twist(now.hand)
         if found.aligned and found.height > 0.5 * self.standoff and self._known.explore_again():
             return Intent("approaching", "explores again before it goes down", carried, found)
         why = self._doubt.why_not(result, found, now.time)
@@ -453,7 +434,7 @@ class GraspServo:
         twist = self.limits.joined(found.twist, carried)
         return Intent("converged" if at_goal else "approaching", why if at_goal else found.doing, twist, found)
 
-    def _closing_intent(self, now: _Now) -> Intent:
+    def _closing_intent(self, now: ServoCall) -> Intent:
         """It waits for `closed`, and stays with an object that moves for as long as that is seen."""
         if now.time - self._since > self._closing.timeout:
             return Intent(
@@ -464,10 +445,10 @@ class GraspServo:
                 if self._observe_result(now, now.result)[1]:
                     self._unseen.note_seen(now.time)
         seen = self._unseen.seen_recently(now.time, self._watchdog.patience)
-        twist = self._following_twist(now.hand) if seen else np.zeros(6)
+        twist = self._known.following_twist(now.hand) if seen else np.zeros(6)
         return Intent("closing", "waits to be told whether something is held", twist)
 
-    def _retreating_intent(self, now: _Now) -> Intent:
+    def _retreating_intent(self, now: ServoCall) -> Intent:
         """Back along its own path, while images come: the part may lie anywhere by now."""
         opens, self._opens = self._opens, False
         if math.isnan(self._since):
@@ -475,14 +456,14 @@ class GraspServo:
             self._watchdog.begin_anew()
             self._trail.start_retreat(now.time, now.hand)
             self._known.lose_object(now.time)
-        carried = self._following_twist(now.hand)
+        carried = self._known.following_twist(now.hand)
         back = self._trail.twist_back(now.time, now.hand, now.hand[:3, :3] @ carried[:3])
         if back is not None:
             return Intent("retreating", self.reason, self.limits.joined(back, carried), open=opens)
         self._unseen.note_seen(now.time)
         return Intent("searching", "has gone back, looks for the grasp", carried, open=opens)
 
-    def _handle_loss(self, now: _Now, result: TrackResult, located: bool) -> Intent:
+    def _handle_loss(self, now: ServoCall, result: TrackResult, located: bool) -> Intent:
         """Nothing is seen that fits."""
         known = self._known
         if known.is_exploring:
@@ -492,13 +473,13 @@ class GraspServo:
             return None if known.is_exploring else self._compute_aim(now, None)
 
         why = "what is seen does not fit what is known" if located else result.reason or result.status
-        carried = self._following_twist(now.hand)
+        carried = self._known.following_twist(now.hand)
         knows = coasting_aim if known.estimate is not None else None
         return self._unseen.choose_intent(why, now.time, now.time - self._began, now.step, carried, knows)
 
     # --- parts ------------------------------------------------------------------------------------
 
-    def _compute_aim(self, now: _Now, seen: Observation | None) -> Aim | None:
+    def _compute_aim(self, now: ServoCall, seen: Observation | None) -> Aim | None:
         known = self._known.estimate
         if known is None:
             return None
@@ -509,34 +490,6 @@ class GraspServo:
             self._order = fitting[0]
         how = Approach(self.goal, self._order, self.dof, self.standoff, self.gain)
         return compute_aim(known, how, seen, now.hand, now.time)
-
-    def _following_twist(self, hand: Floats) -> Floats:
-        """The twist (6,) that keeps the hand with a moving object."""
-        out = np.zeros(6)
-        known = self._known.estimate
-        if known is not None:
-            velocity, normal = hand[:3, :3].T @ known.object_velocity(), known.plane_normal(hand)
-            out[:3] = velocity - normal * (normal @ velocity)
-            out[2] *= self.dof == 6  # nothing that lies on a table comes nearer by itself
-        return out
-
-    def _grasp_pose(self, hand: Floats, now: float, time: float) -> GraspPose | None:
-        """Where the grasp is in the base, at a time of the servo's that is `time` on the caller's clock."""
-        known = None if self._known.is_exploring else self._known.trusted_estimate()
-        if known is None:
-            return None
-        try:
-            with np.errstate(all="ignore"):
-                found = grasp_pose(known, len(self.goal.points), hand, now, self.dof)
-        except (ValueError, ArithmeticError, np.linalg.LinAlgError):
-            return None
-        is_finite = np.isfinite(found.covariance).all() and np.isfinite(found.contacts).all()
-        return replace(found, time=float(time)) if is_finite else None
-
-    def _width_m(self) -> float:
-        """m between the first two contacts, as the moves have told; NaN where they have not."""
-        known = self._known.estimate
-        return math.dist(*known.plane_points()[:2].tolist()) if isinstance(known, Estimate) else math.nan
 
     def _forget_motion(self) -> None:
         """What was told and what came of it are no longer compared: the clock has jumped, or somebody else moves the arm."""

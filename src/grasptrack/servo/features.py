@@ -50,11 +50,8 @@ class Features:
         if self._length < MIN_DISTANCE_PX:
             raise InputError("the contacts of a goal lie apart", goal=goal.tolist())
 
-    def turn_angle(self, contacts: Floats) -> complex:
-        """Its argument is the angle from the goal to the contacts, that which leaves least (Procrustes)."""
-        return self._complex_turn(_decompose_points(contacts).around)
-
     def _complex_turn(self, around: list[complex]) -> complex:
+        """Its argument is the angle from the goal to contacts about their mean, that which leaves least (Procrustes)."""
         return sum((u * v.conjugate() for u, v in zip(around, self._around, strict=True)), 0j)
 
     def feature_values(self, contacts: Floats) -> Floats:

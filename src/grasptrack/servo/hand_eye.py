@@ -17,7 +17,7 @@ from grasptrack import arguments
 from grasptrack.documents import read_keys, read_text, write_text
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
-from grasptrack.servo.camera import NominalCamera, check_pose, pose_of, rotation_vector
+from grasptrack.servo.camera import NominalCamera, check_pose, pose_of, quaternion_of, rotation_vector
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.model import FOCAL, OFFSET, TURN
 from grasptrack.typing import Floats
@@ -294,23 +294,8 @@ transform:
 
     def _transform_values(self) -> dict[str, float]:
         """Position in m and unit quaternion of the camera in the hand's frame, by their keys."""
-        values = (*self.mounting[:3, 3].tolist(), *_quaternion_of(self.mounting[:3, :3]))
+        values = (*self.mounting[:3, 3].tolist(), *quaternion_of(self.mounting[:3, :3]).tolist())
         return dict(zip(TRANSFORM_KEYS, values, strict=True))
-
-
-def _quaternion_of(R: Floats) -> tuple[float, ...]:
-    """x, y, z, w of a rotation (3, 3); w is not negative."""
-    # the largest of the four is found from the diagonal, the others by it (S. W. Shepperd 1978)
-    xx, yy, zz = np.diag(R).tolist()
-    four = np.array([
-        [1.0 + xx - yy - zz, R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[2, 1] - R[1, 2]],
-        [R[0, 1] + R[1, 0], 1.0 - xx + yy - zz, R[1, 2] + R[2, 1], R[0, 2] - R[2, 0]],
-        [R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], 1.0 - xx - yy + zz, R[1, 0] - R[0, 1]],
-        [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], 1.0 + xx + yy + zz],
-    ])  # fmt: skip
-    q = four[int(np.argmax(np.diag(four)))]
-    q = q / np.linalg.norm(q) * (-1.0 if q[3] < 0.0 else 1.0)
-    return tuple(q.tolist())
 
 
 def _rotation_of(quaternion: Floats) -> Floats:

@@ -142,11 +142,7 @@ class Aim:
 
 
 def compute_aim(
-    known: Estimate | ClassicalIBVS,
-    how: Approach,
-    seen: Observation | None,
-    hand: Floats,
-    time: float,
+    known: Estimate | ClassicalIBVS, how: Approach, seen: Observation | None, hand: Floats, time: float
 ) -> Aim | None:
     """The next step toward the goal; None where the goal would not be in front of the camera.
 

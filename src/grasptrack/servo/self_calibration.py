@@ -38,6 +38,7 @@ from grasptrack.servo.first_estimate import (
     initialize_from_nominal,
     signals_of,
 )
+from grasptrack.servo.grasp_pose import GraspPose, grasp_pose
 from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.model import SHAPE, Placed
 from grasptrack.servo.observation import Observation, Poses
@@ -142,10 +143,6 @@ class CalibrationSetup:
 class SelfCalibration:
     """The estimate and how it came about.
 
-    Args:
-        setup: what is given.
-        poses: of the hand.
-
     Attributes:
         failed: why it cannot be calibrated; empty where it can.
         restarts: how often an estimate proved wrong.
@@ -190,6 +187,39 @@ class SelfCalibration:
             return self._trust.with_true_covariance(known, self._origin, self._seen, self._search)
         except (ValueError, ArithmeticError, np.linalg.LinAlgError):
             return None
+
+    def grasp_pose_at(self, contacts: int, hand: Floats, time: float) -> GraspPose | None:
+        """Where a grasp of so many contacts is in the base, at a time in s; None where that is not known yet.
+
+        Args:
+            contacts: how many of the object's points, the first, are contacts.
+            hand: (4, 4) in the base, then.
+            time: s.
+        """
+        known = None if self.is_exploring else self.trusted_estimate()
+        if known is None:
+            return None
+        try:
+            with np.errstate(all="ignore"):
+                found = grasp_pose(known, contacts, hand, time, self._setup.dof)
+        except (ValueError, ArithmeticError, np.linalg.LinAlgError):
+            return None
+        return found if np.isfinite(found.covariance).all() and np.isfinite(found.contacts).all() else None
+
+    def following_twist(self, hand: Floats) -> Floats:
+        """The twist (6,) that keeps the hand (4, 4) with a moving object."""
+        out = np.zeros(6)
+        known = self.estimate
+        if known is not None:
+            velocity, normal = hand[:3, :3].T @ known.object_velocity(), known.plane_normal(hand)
+            out[:3] = velocity - normal * (normal @ velocity)
+            out[2] *= self._setup.dof == 6  # nothing that lies on a table comes nearer by itself
+        return out
+
+    def contact_width(self) -> float:
+        """m between the first two contacts, as the moves have told; NaN where they have not."""
+        known = self.estimate
+        return math.dist(*known.plane_points()[:2].tolist()) if isinstance(known, Estimate) else math.nan
 
     def _look_for_drift(self, seen: Observation) -> None:
         told = self.trusted_estimate()

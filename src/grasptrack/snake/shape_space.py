@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import numpy as np
@@ -110,10 +109,6 @@ class ShapeSpace:
         """(dof, dof): X^T metric X is the mean square displacement of the points, px^2."""
         W = self.W
         return np.asarray(W.T @ W / len(self.points))
-
-    def rms_displacement(self, state: Floats) -> float:
-        """Rms displacement of the points in px between the template and a state, or by a difference of two states."""
-        return math.sqrt(max(float(state @ self.metric_matrix() @ state), 0.0))
 
 
 MIN_DRIVE = 0.7

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -151,7 +151,7 @@ def inspect(
         first_look_ms=first_look_ms,
     )
     wish = Wish(said, asked.fingers, strategy, friction, hand, segmenter=segmenter_for(segmenter))
-    return _assess_view(first_view(image, mask, wish, risk, focal), strategy, friction, risk, focal, runs)
+    return _assess_view(first_view(image, mask, wish, risk, focal), _Inspection(strategy, friction, risk, focal, runs))
 
 
 def inspect_scene(scene: FirstScene, runs: int = RUNS, check: Callable[[], None] = lambda: None) -> Suitability:
@@ -169,21 +169,24 @@ def inspect_scene(scene: FirstScene, runs: int = RUNS, check: Callable[[], None]
     Raises:
         ObservationError: no object.
     """
-    first = first_view_of(scene)
-    return _assess_view(first, scene.strategy, scene.wish.friction, scene.risk, scene.before, runs, (AUTO,), check)
+    asked = _Inspection(scene.strategy, scene.wish.friction, scene.risk, scene.before, runs, (AUTO,), check)
+    return _assess_view(first_view_of(scene), asked)
 
 
-def _assess_view(
-    first: InspectedView,
-    strategy: str,
-    friction: float,
-    risk: float,
-    focal: Beforehand | None,
-    runs: int,
-    tried: Sequence[str] = (AUTO, *ORDER),
-    check: Callable[[], None] = lambda: None,
-) -> Suitability:
-    """What a first view promises; `tried` are the strategies that are, arguments else as of `inspect`."""
+class _Inspection(NamedTuple):
+    """What `inspect` was asked, the strategies that are tried, and what is called before each run."""
+
+    strategy: str
+    friction: float
+    risk: float
+    focal: Beforehand | None
+    runs: int
+    tried: Sequence[str] = (AUTO, *ORDER)
+    check: Callable[[], None] = lambda: None
+
+
+def _assess_view(first: InspectedView, asked: _Inspection) -> Suitability:
+    """What a first view promises."""
     view, grey = first.candidate.view, first.grey
     edges = edges_of(view, grey, first.candidate.polarity)
     surface, ground = gradient_statistics(grey, view, first.ignore_mask)
@@ -191,12 +194,12 @@ def _assess_view(
     looks = _measure_appearance(first, target, edges, surface)
     motions = motions_of(*edges.spaced_samples, _inertia_frame(view), edge_direction_noise(edges))
     whole = motions.models["homography"]
-    limit = largest_sigma(view.outer.area, NUMBERS.with_risk(risk))
-    auto = strategy == AUTO  # the others segment, in colour
+    limit = largest_sigma(view.outer.area, NUMBERS.with_risk(asked.risk))
+    auto = asked.strategy == AUTO  # the others segment, in colour
     stage = Stage(grey if auto else first.colours, PLAIN if auto else first.candidate.channel, surface.noise)
     prediction, fixed = None, None
     if first.carrier is not None:
-        runs_drawn, looked = _simulate_runs(first, stage, strategy, risk, focal, runs, check)
+        runs_drawn, looked = _simulate_runs(first, stage, asked)
         fixed = contact_evidence(first, target, looked, limit, whole.observable)
         # beyond its tolerance the tracker refuses
         adrift = (
@@ -206,8 +209,8 @@ def _assess_view(
         )
         prediction = predict_run(Drawn.from_runs(runs_drawn, math.sqrt(view.outer.area), adrift))
     refusal = "" if fixed is None else _refusal_reason(fixed.by != "nothing", fixed.covariance, limit)
-    grip = None if first.grasp is None else _assess_grasp(first, friction, limit, fixed, prediction)
-    usable = strategies_of(first.held_grasp, view, grey, refusal, tried)
+    grip = None if first.grasp is None else _assess_grasp(first, asked.friction, limit, fixed, prediction)
+    usable = strategies_of(first.held_grasp, view, grey, refusal, asked.tried)
     likeness = Likeness(first, target, stage)
     symmetry = symmetry_of(first, likeness, "similarity" in motions.motions[TURN].observed)
     equals = equals_of(first, likeness)
@@ -241,27 +244,21 @@ def _create_target(first: InspectedView) -> Target:
     )
 
 
-def _simulate_runs(
-    first: InspectedView,
-    stage: Stage,
-    strategy: str,
-    risk: float,
-    focal: Beforehand | None,
-    runs: int,
-    check: Callable[[], None],
-) -> tuple[list[SimulatedRun], list[Looked]]:
+def _simulate_runs(first: InspectedView, stage: Stage, asked: _Inspection) -> tuple[list[SimulatedRun], list[Looked]]:
     """Runs that are drawn, and the images of the first of them."""
     view, grasp, grey = first.candidate.view, first.held_grasp, first.grey
     away = view.outer.points - (centre := view.outer.points.mean(axis=0))
     size, reach = math.sqrt(view.outer.area), float(np.hypot(*away.T).max())
-    setting = RunSetting(centre, size, reach, grey.shape[1], grey.shape[0], focal or Beforehand.of_unknown(NUMBERS))
+    setting = RunSetting(
+        centre, size, reach, grey.shape[1], grey.shape[0], asked.focal or Beforehand.of_unknown(NUMBERS)
+    )
     carrier, made, seen = first.carrier, [], list[Looked]()
-    for steps in drawn_runs(setting, runs):
-        check()
+    for steps in drawn_runs(setting, asked.runs):
+        asked.check()
         if carrier is None:
             first.observer.set_image(first.colours)
             first.observer.choose_object(first.candidate)
-            carrier = carrier_for(strategy, grasp, view, grey, None, first.observer, risk, focal)
+            carrier = carrier_for(asked.strategy, grasp, view, grey, None, first.observer, asked.risk, asked.focal)
         run, looked = simulate_tracking(carrier, first, stage, steps)
         made.append(run)
         seen, carrier = seen or looked, None

@@ -134,14 +134,7 @@ class Looked(NamedTuple):
 def simulate_tracking(
     carrier: Carrier, first: InspectedView, stage: Stage, steps: Sequence[RunImage]
 ) -> tuple[SimulatedRun, list[Looked]]:
-    """Follow the grasp through a run, and what was looked at in it.
-
-    Args:
-        carrier: of the grasp, fresh.
-        first: the first view.
-        stage: the same, to be moved.
-        steps: of the run.
-    """
+    """Follow the grasp through a run, and what was looked at in it."""
     contacts, errors, reason = first.held_grasp.contacts, list[float](), ""
     looked, missed = list[Looked](), 0
     for step in steps:
@@ -159,13 +152,7 @@ def simulate_tracking(
 
 
 def predict_run(drawn: Drawn, frames: int = FRAMES, unforeseen: Unforeseen = UNFORESEEN) -> Prediction:
-    """What runs that were drawn let expect of one that was not.
-
-    Args:
-        drawn: what came of them.
-        frames: of the run.
-        unforeseen: by how much it may differ.
-    """
+    """What runs that were drawn let expect of one that was not."""
     a, b = beta_of(drawn, unforeseen)
     least, middle, most = errors_of(drawn, unforeseen)
     return Prediction(drawn, a / (a + b), shares_of(a, b, frames), middle, (least, most))

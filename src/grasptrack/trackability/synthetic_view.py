@@ -92,11 +92,6 @@ def draw_run(setting: RunSetting, count: int, rng: np.random.Generator) -> list[
     """A run of so many images after the first: a smooth way to a view that is drawn, in light and with a shutter of its own.
 
     The first view is taken as frontal; the camera is a pinhole of a focal length as it is known.
-
-    Args:
-        setting: of the run.
-        count: of images.
-        rng: draws it.
     """
     turn, tilt = math.radians(TURN) * rng.uniform(-1.0, 1.0), math.radians(TILT) * rng.uniform()
     about, growth = rng.uniform(-math.pi, math.pi), math.exp(rng.uniform(math.log(FARTHER), math.log(NEARER)))
@@ -110,20 +105,20 @@ def draw_run(setting: RunSetting, count: int, rng: np.random.Generator) -> list[
     made, before = list[RunImage](), setting.centre
     for i in range(1, count + 1):
         u = 0.5 - 0.5 * math.cos(math.pi * i / count)
-        axis = (math.cos(about), math.sin(about))
-        H = _motion_homography(setting, f, turn * u, tilt * u, axis, math.exp(u * math.log(growth)), shift * u)
+        rotation = np.array([tilt * u * math.cos(about), tilt * u * math.sin(about), turn * u])
+        H = _motion_homography(setting, f, rotation, math.exp(u * math.log(growth)), shift * u)
         now = setting.centre + shift * u
         made.append(RunImage(H, 1.0 + (gain - 1.0) * u, exposed * (now - before)))
         before = now
     return made
 
 
-def _motion_homography(
-    setting: RunSetting, f: float, turn: float, tilt: float, axis: tuple[float, float], growth: float, shift: Floats
-) -> Floats:
-    """(3, 3) how a pinhole of focal length f px sees a frontal plane after it was turned, tilted (rad) and brought nearer."""
-    turned = cv2.Rodrigues(np.array([0.0, 0.0, turn]))[0]
-    R = cv2.Rodrigues(tilt * np.array([*axis, 0.0]))[0] @ turned
+def _motion_homography(setting: RunSetting, f: float, rotation: Floats, growth: float, shift: Floats) -> Floats:
+    """(3, 3) how a pinhole of focal length f px sees a frontal plane that was turned, then tilted and brought nearer.
+
+    The rotation, (3,) rad, is the tilt about an axis in the plane, and the turn.
+    """
+    R = cv2.Rodrigues(np.append(rotation[:2], 0.0))[0] @ cv2.Rodrigues(np.array([0.0, 0.0, rotation[2]]))[0]
     x, y = (setting.centre - setting.image_centre).tolist()
     X, Y = (setting.centre + shift - setting.image_centre).tolist()
     M = R @ np.diag([1.0, 1.0, f])  # of px (x, y, 1) about the middle

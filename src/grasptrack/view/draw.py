@@ -17,25 +17,8 @@ from grasptrack.geometry.contours import Outline, View, as_view
 from grasptrack.presentation import format_confidence
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.typing import Floats
-from grasptrack.view.marks import cone_length, friction_cones, grasp_spokes
-from grasptrack.view.style import (
-    DARK_RGB,
-    FINGER_RGB,
-    INK_RGB,
-    MUTED_RGB,
-    PANEL_RGB,
-    RULE_RGB,
-    STATUS_RGB,
-    STRATEGY_RGB,
-    WHITE_RGB,
-    Colour,
-    Picture,
-    blend_colour,
-    ellipsise_text,
-    put_text,
-    rgb_to_bgr,
-    text_width,
-)
+from grasptrack.view import style
+from grasptrack.view.style import Colour, Picture, blend_colour, ellipsise_text, put_text, rgb_to_bgr, text_width
 
 if TYPE_CHECKING:
     from grasptrack.segmentation.candidate import Candidate
@@ -51,8 +34,8 @@ def add_strip(canvas: Picture, result: TrackResult, number: int) -> Picture:
     em = max(11, min(round(width / 640 * 14), 40))
     height = 2 * round(2.05 * em)
     strip = np.empty((height, width, 3), np.uint8)
-    strip[:] = rgb_to_bgr(PANEL_RGB)
-    colour = STATUS_RGB[result.status]
+    strip[:] = rgb_to_bgr(style.PANEL_RGB)
+    colour = style.STATUS_RGB[result.status]
     strip[: max(2, round(0.2 * em))] = rgb_to_bgr(colour)
     pad = round(0.75 * em)
     first, second = round(1.72 * em), round(3.3 * em)
@@ -62,11 +45,11 @@ def add_strip(canvas: Picture, result: TrackResult, number: int) -> Picture:
     stable = SENTENCES[result.notice] if result.notice else "stable"
     reason = " ".join(result.reason.split()) or (f"grasp located, {stable}" if result.status == "tracked" else "")
     size = em if text_width(reason, em) <= width - pad - left else small
-    ink = MUTED_RGB if result.status == "tracked" else INK_RGB
+    ink = style.MUTED_RGB if result.status == "tracked" else style.INK_RGB
     put_text(strip, ellipsise_text(reason, width - pad - left, size), left, first, size, ink)
 
     room = _draw_confidence(strip, result, pad, second, small, colour)
-    _draw_figures(strip, result, number, pad, room, second, small)
+    _draw_figures(strip, result, number, (pad, room - pad), second, small)
     return np.vstack([canvas, strip])
 
 
@@ -89,29 +72,29 @@ def _draw_confidence(strip: Picture, result: TrackResult, pad: int, baseline: in
 
     With as many digits as keep it from reading as certain. Of a lost frame it is that of a guess, not given out, and grey.
     """
-    confidence, label, ink = result.confidence, "confidence", INK_RGB
+    confidence, label, ink = result.confidence, "confidence", style.INK_RGB
     number = format_confidence(confidence, 2)
     if result.status == "lost":
-        label, colour, ink = "best guess", MUTED_RGB, MUTED_RGB
+        label, colour, ink = "best guess", style.MUTED_RGB, style.MUTED_RGB
     gap = round(0.6 * size)
     bar = round(0.16 * strip.shape[1])
     x: int = strip.shape[1] - pad - text_width(number, size, bold=True)
     put_text(strip, number, x, baseline, size, ink, bold=True)
     x -= bar + gap
     top, bottom = baseline - round(0.62 * size), baseline - round(0.1 * size)
-    cv2.rectangle(strip, (x, top), (x + bar, bottom), rgb_to_bgr(RULE_RGB), -1)
+    cv2.rectangle(strip, (x, top), (x + bar, bottom), rgb_to_bgr(style.RULE_RGB), -1)
     full = round(bar * min(max(confidence, 0.0), 1.0))
     if full > 0:
         cv2.rectangle(strip, (x, top), (x + full, bottom), rgb_to_bgr(colour), -1)
     x -= text_width(label, size) + gap
-    put_text(strip, label, x, baseline, size, MUTED_RGB)
+    put_text(strip, label, x, baseline, size, style.MUTED_RGB)
     return x
 
 
 def _draw_figures(
-    strip: Picture, result: TrackResult, number: int, pad: int, room: int, baseline: int, size: int
+    strip: Picture, result: TrackResult, number: int, within: tuple[int, int], baseline: int, size: int
 ) -> None:
-    """Frame, strategy, margin, chance of closing, time and latency from the left, as far as there is room."""
+    """Frame, strategy, margin, chance of closing, time and latency from the left, as far as there is room within."""
     entries = [("frame", str(number))]
     if result.strategy:
         entries.append(("by", result.strategy))
@@ -123,14 +106,14 @@ def _draw_figures(
         entries.append(("at", f"{result.time:.2f} s"))
     if math.isfinite(result.latency_ms):
         entries.append(("in", f"{result.latency_ms:.1f} ms"))
-    at, gap = pad, round(0.4 * size)
+    (at, room), gap = within, round(0.4 * size)
     for label, value in entries:
         wide = text_width(label, size)
         end = at + wide + gap + text_width(value, size)
-        if end > room - pad:
+        if end > room:
             break
-        put_text(strip, label, at, baseline, size, MUTED_RGB)
-        put_text(strip, value, at + wide + gap, baseline, size, INK_RGB)
+        put_text(strip, label, at, baseline, size, style.MUTED_RGB)
+        put_text(strip, value, at + wide + gap, baseline, size, style.INK_RGB)
         at = end + round(1.1 * size)
 
 
@@ -162,7 +145,7 @@ def draw_overlay(
         1920 px and its width at least 480.
     """
     canvas, scale, unit = _scaled_canvas(image)
-    colour = STATUS_RGB[result.status]
+    colour = style.STATUS_RGB[result.status]
     if result.status == "lost" and last is not None:
         _draw_last_outline(canvas, last, scale, unit)
     elif result.view is not None:
@@ -189,9 +172,9 @@ def draw_grasps(image: NDArray[Any], grasps: Sequence[Floats], outline: Outline 
         _draw_outline(canvas, as_view(outline), scale, unit)
     for contacts in grasps[1 : 1 + MOST_BESIDE]:
         for spoke in grasp_spokes((contacts + 0.5) * scale - 0.5):
-            draw_polyline(canvas, spoke, MUTED_RGB, 1.2 * unit)
+            draw_polyline(canvas, spoke, style.MUTED_RGB, 1.2 * unit)
     if len(grasps):
-        best, colour = (grasps[0] + 0.5) * scale - 0.5, STATUS_RGB["tracked"]
+        best, colour = (grasps[0] + 0.5) * scale - 0.5, style.STATUS_RGB["tracked"]
         _draw_grasp_line(canvas, best, unit, colour)
         _draw_contacts(canvas, best, np.ones(len(best)), unit, colour)
     return canvas
@@ -242,9 +225,9 @@ def _scaled_canvas(image: NDArray[Any]) -> tuple[Picture, float, float]:
 def _draw_outline(canvas: Picture, view: View, scale: float, unit: float) -> None:
     curves = [(c.points + 0.5) * scale - 0.5 for c in view.contours]
     for curve in curves:
-        draw_polyline(canvas, curve, DARK_RGB, 3.2 * unit, closed=True)
+        draw_polyline(canvas, curve, style.DARK_RGB, 3.2 * unit, closed=True)
     for curve in curves:
-        draw_polyline(canvas, curve, WHITE_RGB, 1.2 * unit, closed=True)
+        draw_polyline(canvas, curve, style.WHITE_RGB, 1.2 * unit, closed=True)
 
 
 def _draw_last_outline(canvas: Picture, view: View, scale: float, unit: float) -> None:
@@ -258,8 +241,8 @@ def _draw_last_outline(canvas: Picture, view: View, scale: float, unit: float) -
             at = np.linspace(start, end, max(2, math.ceil((end - start) * scale / 3.0)))
             dash = np.column_stack([np.interp(at, arc, curve[:, axis]) for axis in (0, 1)])
             dash = (dash + 0.5) * scale - 0.5
-            draw_polyline(canvas, dash, DARK_RGB, 3.2 * unit)
-            draw_polyline(canvas, dash, STATUS_RGB["lost"], 1.6 * unit)
+            draw_polyline(canvas, dash, style.DARK_RGB, 3.2 * unit)
+            draw_polyline(canvas, dash, style.STATUS_RGB["lost"], 1.6 * unit)
 
 
 def _draw_cones(canvas: Picture, result: TrackResult, scale: float, unit: float, colour: Colour) -> None:
@@ -280,7 +263,7 @@ def _draw_cones(canvas: Picture, result: TrackResult, scale: float, unit: float,
 
 def _draw_grasp_line(canvas: Picture, contacts: Floats, unit: float, colour: Colour) -> None:
     for spoke in grasp_spokes(contacts):
-        draw_polyline(canvas, spoke, DARK_RGB, 4.0 * unit)
+        draw_polyline(canvas, spoke, style.DARK_RGB, 4.0 * unit)
     for spoke in grasp_spokes(contacts):
         draw_polyline(canvas, spoke, colour, 2.0 * unit)
 
@@ -289,12 +272,12 @@ def _draw_contacts(canvas: Picture, contacts: Floats, seen: Floats, unit: float,
     middle = contacts.mean(axis=0)
     for i, (contact, share) in enumerate(zip(contacts, seen, strict=False)):
         if share >= 0.5:
-            draw_disc(canvas, contact, 7.6 * unit, DARK_RGB)
-            draw_disc(canvas, contact, 6.4 * unit, WHITE_RGB)
+            draw_disc(canvas, contact, 7.6 * unit, style.DARK_RGB)
+            draw_disc(canvas, contact, 6.4 * unit, style.WHITE_RGB)
             draw_disc(canvas, contact, 4.6 * unit, colour)
         else:
-            draw_disc(canvas, contact, 6.6 * unit, DARK_RGB, 5.0 * unit)
-            draw_disc(canvas, contact, 6.6 * unit, WHITE_RGB, 1.8 * unit)
+            draw_disc(canvas, contact, 6.6 * unit, style.DARK_RGB, 5.0 * unit)
+            draw_disc(canvas, contact, 6.6 * unit, style.WHITE_RGB, 1.8 * unit)
         away = contact - middle
         away = away / max(float(np.linalg.norm(away)), 1e-9)
         _draw_number(canvas, str(i + 1), contact + 20.0 * unit * away, unit)
@@ -305,22 +288,21 @@ def _draw_number(canvas: Picture, text: str, centre: Floats, unit: float) -> Non
     radius, size = 8.5 * unit, round(12 * unit)
     room = np.array([canvas.shape[1] - 1, canvas.shape[0] - 1]) - radius
     at = np.minimum(np.maximum(centre, radius), room)
-    draw_disc(canvas, at, radius, DARK_RGB)
+    draw_disc(canvas, at, radius, style.DARK_RGB)
     x = round(at[0] - text_width(text, size, bold=True) / 2)
-    put_text(canvas, text, x, round(at[1] + 0.37 * size), size, WHITE_RGB, bold=True)
+    put_text(canvas, text, x, round(at[1] + 0.37 * size), size, style.WHITE_RGB, bold=True)
 
 
 # --- candidates of a first look --------------------------------------------------------------------
 
-CANDIDATE_RGB = (STATUS_RGB["tracked"], STRATEGY_RGB["rrp"], FINGER_RGB)
+CANDIDATE_RGB = (style.STATUS_RGB["tracked"], style.STRATEGY_RGB["rrp"], style.FINGER_RGB)
 
 
 def draw_candidates(image: NDArray[Any], candidates: Sequence[Candidate]) -> Picture:
     """The image (H, W, 3) BGR with the outlines of up to three candidates and their numbers, 1 being the likeliest."""
     from grasptrack.images import to_bgr
 
-    seen = to_bgr(image)
-    picture = np.array(seen if seen.ndim == 3 else cv2.cvtColor(seen, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    picture = as_bgr(to_bgr(image))
     size = max(16, round(picture.shape[0] / 24))
     for number in range(min(3, len(candidates)), 0, -1):
         candidate, colour = candidates[number - 1], CANDIDATE_RGB[number - 1]
@@ -329,7 +311,7 @@ def draw_candidates(image: NDArray[Any], candidates: Sequence[Candidate]) -> Pic
             draw_polyline(picture, contour.points, colour, max(2, size // 9), closed=True)
     lines = [f"{number}   {100.0 * c.probability:.0f} %" for number, c in enumerate(candidates[:3], 1)]
     wide = max((text_width(line, size, True) for line in lines), default=0)
-    picture[: round(1.4 * size * len(lines) + 0.5 * size), : wide + 2 * size] = rgb_to_bgr(PANEL_RGB)
+    picture[: round(1.4 * size * len(lines) + 0.5 * size), : wide + 2 * size] = rgb_to_bgr(style.PANEL_RGB)
     for row, line in enumerate(lines):
         put_text(picture, line, size, round(1.4 * size * (row + 1)), size, CANDIDATE_RGB[row], True)
     return picture
@@ -346,3 +328,73 @@ def write_candidates(path: Path, image: NDArray[Any], candidates: Sequence[Candi
         raise OSError(f'"{path}" cannot be written')
     with whole_file(path) as part:
         part.write_bytes(data.tobytes())
+
+
+# --- what stands for a grasp in any picture ---------------------------------------------------------
+
+_ARC = np.linspace(-1.0, 1.0, 13)
+
+
+def grasp_spokes(contacts: Floats) -> list[Floats]:
+    """The lines (2, 2) that stand for a grasp: between two contacts, from the middle to each of more."""
+    middle = contacts.mean(axis=0)
+    return [contacts] if len(contacts) == 2 else [np.vstack([middle, c]) for c in contacts]
+
+
+def sector_polygon(apex: Floats, direction: Floats, half_angle: float, length: float) -> Floats:
+    """A sector as a closed polygon (m, 2) px.
+
+    Args:
+        apex: (2,) px.
+        direction: (2,) of its middle.
+        half_angle: rad.
+        length: px from apex to arc.
+    """
+    angles = math.atan2(direction[1], direction[0]) + half_angle * np.linspace(-1.0, 1.0, 17)
+    return np.vstack([apex, apex + length * np.column_stack([np.cos(angles), np.sin(angles)])])
+
+
+def friction_cones(result: TrackResult, length: float) -> list[Floats]:
+    """Friction cones as closed polygons (m, 2) px of the current image: apex at the contact, opening into the material.
+
+    A cone that was judged in the object's own plane, or in the reference view, is bent by the same perspective as the object:
+    each of its directions is carried over by the derivative of the homography at the contact.
+
+    Args:
+        result: contacts and their analysis; empty without them.
+        length: px from apex to arc.
+    """
+    if result.contacts is None or result.analysis is None:
+        return []
+    half, H = math.atan(result.analysis.friction), None
+    if result.homography is not None and result.analysis.judged_in == "reference":
+        H = result.homography
+    elif result.homography is not None and result.rectification is not None and result.analysis.judged_in == "plane":
+        H = result.homography @ np.linalg.inv(result.rectification)
+    polygons = []
+    for contact, normal in zip(result.contacts, result.analysis.normals, strict=False):
+        angles = math.atan2(normal[1], normal[0]) + half * _ARC
+        directions = np.column_stack([np.cos(angles), np.sin(angles)])
+        if H is not None:
+            directions = directions @ jacobian_at(H, contact).T
+        norms = np.linalg.norm(directions, axis=1, keepdims=True)
+        if not np.isfinite(norms).all() or norms.min() <= 0.0:
+            continue
+        polygons.append(np.vstack([contact, contact + length * directions / norms]))
+    return polygons
+
+
+def jacobian_at(H_current_reference: Floats, point: Floats) -> Floats:
+    """(2, 2) derivative of a homography at the reference point that it maps to `point` of the current view."""
+    H = H_current_reference / np.linalg.norm(H_current_reference)
+    u, v, w = np.linalg.solve(H, np.array([point[0], point[1], 1.0]))
+    scale = float(H[2] @ np.array([u / w, v / w, 1.0]))
+    x, y = point
+    J: Floats = np.array([H[0, :2] - x * H[2, :2], H[1, :2] - y * H[2, :2]]) / scale
+    return J
+
+
+def cone_length(contacts: Floats, unit: float) -> float:
+    """px; a third of the way to the contacts' middle on either side, within what is legible."""
+    reach = float(np.linalg.norm(contacts - contacts.mean(axis=0), axis=1).mean())
+    return min(max(0.62 * reach, 14.0 * unit), 64.0 * unit)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from grasptrack.trackability.motions import SLIDING, sliding_displacement
 from grasptrack.trackability.report import Entry, describe_expectation, report_rows
 from grasptrack.typing import Floats
-from grasptrack.view.marks import grasp_spokes
+from grasptrack.view import style
+from grasptrack.view.draw import grasp_spokes
 from grasptrack.view.panel import (
     LINE,
     NEIGHBOUR,
@@ -28,19 +29,7 @@ from grasptrack.view.panel import (
     mute_image,
     quiet_corner,
 )
-from grasptrack.view.style import (
-    DARK,
-    INK,
-    MUTED,
-    RULE,
-    STATUS_RGB,
-    STRATEGY_RGB,
-    add_legend,
-    create_figure,
-    hex_colour,
-    save_whole,
-    text_width,
-)
+from grasptrack.view.style import add_legend, create_figure, hex_colour, save_whole, text_width
 
 if TYPE_CHECKING:
     from grasptrack.trackability import Suitability
@@ -48,9 +37,9 @@ if TYPE_CHECKING:
     from grasptrack.trackability.result import Held
 
 
-CLEAR, WEAK, BAD = (hex_colour(STATUS_RGB[s]) for s in ("tracked", "unstable", "lost"))
+CLEAR, WEAK, BAD = (hex_colour(style.STATUS_RGB[s]) for s in ("tracked", "unstable", "lost"))
 LEVEL = {"good": CLEAR, "fair": WEAK, "poor": BAD}
-PEAK = hex_colour(STRATEGY_RGB["grasp-line"])
+PEAK = hex_colour(style.STRATEGY_RGB["grasp-line"])
 _REASONS = 3
 """Reasons that are written out."""
 
@@ -75,30 +64,32 @@ class Sheet(TextColumn):
             self._draw_box(self._left, self._y - 0.21, 0.09, 0.15, WEAK)
             self._write_lines(_as_sentence(reason.text), 11.0, indent=0.2)
             if reason.advice:
-                self._write_lines(f"Would help: {reason.advice}.", 10.5, indent=0.2, color=MUTED)
+                self._write_lines(f"Would help: {reason.advice}.", 10.5, indent=0.2, color=style.MUTED)
         if len(found.reasons) > _REASONS:
             self._write_lines(
-                f"and {len(found.reasons) - _REASONS} more in inspect.json", 10.5, indent=0.2, color=MUTED
+                f"and {len(found.reasons) - _REASONS} more in inspect.json", 10.5, indent=0.2, color=style.MUTED
             )
 
     def draw_motions(self, motions: Motions) -> None:
         """A bar for each motion, as much of it as moves the edges, and whether it is told from the others."""
         self._y -= 0.36
         self._write_text(self._left, self._y, "What moves the edges", 12.5, weight="bold")
-        self._write_text(self._left + self._width, self._y, "told from all others", 10.5, color=MUTED, ha="right")
+        self._write_text(self._left + self._width, self._y, "told from all others", 10.5, color=style.MUTED, ha="right")
         start, room = self._left + 1.15, self._width - 3.25
         top = self._y
         for motion in motions.motions:
             self._y -= 0.235
             seen = "homography" in motion.observed
             self._write_text(self._left, self._y, motion.name, 10.5)
-            self._draw_box(start, self._y - 0.02, room, 0.14, RULE)
+            self._draw_box(start, self._y - 0.02, room, 0.14, style.RULE)
             self._draw_box(start, self._y - 0.02, room * min(motion.shown, 1.0), 0.14, CLEAR if seen else BAD)
             self._write_text(start + room + 0.12, self._y, f"{100.0 * motion.shown:.0f} %", 10.5)
             flat = "also under tilt" if seen else "only while flat" if "similarity" in motion.observed else "no"
-            self._write_text(self._left + self._width, self._y, flat, 10.5, color=INK if seen else BAD, ha="right")
+            self._write_text(
+                self._left + self._width, self._y, flat, 10.5, color=style.INK if seen else BAD, ha="right"
+            )
         mark = start + room * SLIDING
-        self._draw_box(mark, self._y - 0.05, 0.015, top - self._y - 0.05, INK)
+        self._draw_box(mark, self._y - 0.05, 0.015, top - self._y - 0.05, style.INK)
         self._y -= 0.03
 
     def write_table(self, found: Suitability) -> None:
@@ -115,8 +106,8 @@ class Sheet(TextColumn):
         if self._y - 0.2 * len(lines) < 0.1:
             return
         self._y -= 0.215
-        self._write_text(self._left, self._y, row.name, 10.5, color=MUTED)
-        colour = BAD if row.value in ("no", "none", "not fixed") and row.name not in ("symmetry",) else INK
+        self._write_text(self._left, self._y, row.name, 10.5, color=style.MUTED)
+        colour = BAD if row.value in ("no", "none", "not fixed") and row.name not in ("symmetry",) else style.INK
         self._write_text(self._left + 1.05, self._y, row.value, 10.5, weight="bold", color=colour)
         for i, line in enumerate(lines):
             self._y -= 0.17 * (i > 0)
@@ -157,14 +148,14 @@ def draw_legend(axes: Any, found: Suitability, times: float) -> None:
         handles.append(Line2D([], [], color=BAD, marker=r"$\rightarrow$", ms=14, lw=0, label="outline slides"))
     if found.symmetry.every or found.symmetry.turns:
         ring: dict[str, Any] = {"marker": "o", "ms": 9, "mfc": "none", "mew": 2.0}
-        handles.append(Line2D([], [], color=MUTED, lw=0, label="ways it fits itself", **ring))
+        handles.append(Line2D([], [], color=style.MUTED, lw=0, label="ways it fits itself", **ring))
     if found.equals:
         handles.append(Line2D([], [], color=NEIGHBOUR, lw=1.6, ls=(0, (4, 3)), label="its equals"))
     if found.grasp is not None:
         large = ", not fixed" if found.by == "nothing" else "" if times == 1.0 else f", drawn {times:g} ×"
         label = f"95 % of the errors{large}"
         handles.append(Line2D([], [], color=LINE, lw=2, marker="o", mec="white", label="grasp"))
-        handles.append(Line2D([], [], color=INK, marker="o", ms=12, mfc="none", lw=0, label=label))
+        handles.append(Line2D([], [], color=style.INK, marker="o", ms=12, mfc="none", lw=0, label=label))
     add_legend(axes, handles)
 
 
@@ -202,7 +193,7 @@ def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, tit
     _draw_symmetry(panel, found)
     _draw_slides(panel, found)
     if len(found.peaks):
-        panel.axes.plot(*found.peaks.T, "D", color=PEAK, ms=8.0, mec=DARK, mew=1.2, zorder=4)
+        panel.axes.plot(*found.peaks.T, "D", color=PEAK, ms=8.0, mec=style.DARK, mew=1.2, zorder=4)
     if found.grasp is not None:
         _draw_grasp(panel, found.grasp, times)
     draw_legend(panel.axes, found, times)
@@ -232,7 +223,7 @@ def _draw_outline(panel: Panel, found: Suitability) -> None:
     for i, contour in enumerate(found.view.contours):
         own = edges.contour == i
         points = np.vstack([contour.points, contour.points[:1]])
-        panel.axes.plot(points[:, 0], points[:, 1], color=DARK, lw=5.6, alpha=0.75, solid_capstyle="butt")
+        panel.axes.plot(points[:, 0], points[:, 1], color=style.DARK, lw=5.6, alpha=0.75, solid_capstyle="butt")
         cut = np.zeros(len(contour), np.bool_) if contour.clipped is None else contour.clipped
         kind = np.where(cut, 3, np.where(~edges.clear[own], 2, np.where(edges.strength[own] < FAINT, 1, 0)))
         ends = [0, *(np.flatnonzero(np.diff(kind)) + 1).tolist(), len(kind)]
@@ -275,9 +266,9 @@ def _draw_symmetry(panel: Panel, found: Suitability) -> None:
             way = np.array([math.cos(math.radians(start + turn)), math.sin(math.radians(start + turn))])
             panel.draw_line(centre + radius * np.outer([0.72, 1.28], way), "white", 2.4)
     text = "every turn" if symmetry.every else f"alike {symmetry.order} ×"
-    style = {"ha": "center", "va": "center", "fontsize": 11.0, "fontweight": "bold", "color": "white", "zorder": 6}
-    box = {"boxstyle": "round,pad=0.25", "fc": DARK, "ec": "none", "alpha": 0.75}
-    panel.axes.text(*centre, text, bbox=box, **style)
+    font = {"ha": "center", "va": "center", "fontsize": 11.0, "fontweight": "bold", "color": "white", "zorder": 6}
+    box = {"boxstyle": "round,pad=0.25", "fc": style.DARK, "ec": "none", "alpha": 0.75}
+    panel.axes.text(*centre, text, bbox=box, **font)
 
 
 def _free_place(panel: Panel, found: Suitability, radius: float) -> Floats:
@@ -308,8 +299,8 @@ def _draw_grasp(panel: Panel, grasp: Held, times: float) -> None:
         open_ended = half.max() > _FARTHEST * panel.px_per_point
         half = np.clip(half, 2.0 * panel.px_per_point, _FARTHEST * panel.px_per_point)
         turn = math.degrees(math.atan2(V[1, 1], V[0, 1]))
-        style = (0, (2, 1.5)) if open_ended else "-"
-        for colour, wide in ((DARK, 4.0), ("white", 2.0)):
+        line_style = (0, (2, 1.5)) if open_ended else "-"
+        for colour, wide in ((style.DARK, 4.0), ("white", 2.0)):
             ring = Ellipse(
                 tuple(contact),
                 2.0 * half[1],
@@ -318,7 +309,7 @@ def _draw_grasp(panel: Panel, grasp: Held, times: float) -> None:
                 fill=False,
                 ec=colour,
                 lw=wide,
-                ls=style,
+                ls=line_style,
                 zorder=5,
             )
             panel.axes.add_patch(ring)

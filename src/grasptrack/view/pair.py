@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
-from grasptrack.view.marks import grasp_spokes
+from grasptrack.view.draw import grasp_spokes
 from grasptrack.view.style import DARK, INK, STATUS_RGB, STRATEGY_RGB, create_figure, hex_colour, save_whole
 
 if TYPE_CHECKING:

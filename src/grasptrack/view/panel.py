@@ -12,20 +12,9 @@ from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
 from grasptrack.undistortion import SeenGrasp
-from grasptrack.view.draw import as_bgr
-from grasptrack.view.marks import grasp_spokes, sector_polygon
-from grasptrack.view.style import (
-    CONE_RGB,
-    DARK,
-    FINGER_RGB,
-    INK,
-    MUTED,
-    NEIGHBOUR_RGB,
-    PANEL_RGB,
-    REGION_RGB,
-    STATUS_RGB,
-    hex_colour,
-)
+from grasptrack.view import style
+from grasptrack.view.draw import as_bgr, grasp_spokes, sector_polygon
+from grasptrack.view.style import hex_colour
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
@@ -199,8 +188,10 @@ def contour_strip(view: View, contour: int, position: float, half: float) -> Flo
     return np.column_stack([np.interp(at, arc, closed[:, axis]) for axis in (0, 1)])
 
 
-FINGER, CONE, REGION, NEIGHBOUR = (hex_colour(c) for c in (FINGER_RGB, CONE_RGB, REGION_RGB, NEIGHBOUR_RGB))
-LINE = hex_colour(STATUS_RGB["tracked"])
+FINGER, CONE, REGION, NEIGHBOUR = (
+    hex_colour(c) for c in (style.FINGER_RGB, style.CONE_RGB, style.REGION_RGB, style.NEIGHBOUR_RGB)
+)
+LINE = hex_colour(style.STATUS_RGB["tracked"])
 
 
 def mute_image(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -232,7 +223,7 @@ class Panel:
         axes.imshow(picture[y0:y1, x0:x1], extent=extent, interpolation="hanning", aspect="auto")
         axes.set_xlim(left, right)
         axes.set_ylim(bottom, top)
-        axes.set(xticks=(), yticks=(), facecolor=hex_colour(PANEL_RGB))
+        axes.set(xticks=(), yticks=(), facecolor=hex_colour(style.PANEL_RGB))
         for side in axes.spines.values():
             side.set_visible(False)
 
@@ -249,7 +240,7 @@ class Panel:
 
     def draw_line(self, points: Floats, colour: str, width: float, **more: Any) -> None:
         """A line through (n, 2) px, `width` points wide, on a dark casing."""
-        self.axes.plot(points[:, 0], points[:, 1], color=DARK, lw=width + 1.6, alpha=0.75, solid_capstyle="butt")
+        self.axes.plot(points[:, 0], points[:, 1], color=style.DARK, lw=width + 1.6, alpha=0.75, solid_capstyle="butt")
         self.axes.plot(points[:, 0], points[:, 1], color=colour, lw=width, **more)
 
     def draw_outline(self, view: View, width: float = 1.4) -> None:
@@ -292,10 +283,10 @@ class Panel:
         """An arrow between two places, its head `head` ems wide, with a dark casing."""
         from matplotlib.patheffects import withStroke
 
-        style = {"arrowstyle": f"-|>,head_width={head},head_length=0.5", "color": colour, "lw": 2.0}
-        style.update(mutation_scale=12.0, shrinkA=0.0, shrinkB=0.0)
-        style["path_effects"] = [withStroke(linewidth=4.0, foreground=DARK)]
-        self.axes.annotate("", tip, xytext=tail, arrowprops=style, zorder=5, annotation_clip=True)
+        arrow = {"arrowstyle": f"-|>,head_width={head},head_length=0.5", "color": colour, "lw": 2.0}
+        arrow.update(mutation_scale=12.0, shrinkA=0.0, shrinkB=0.0)
+        arrow["path_effects"] = [withStroke(linewidth=4.0, foreground=style.DARK)]
+        self.axes.annotate("", tip, xytext=tail, arrowprops=arrow, zorder=5, annotation_clip=True)
 
     def draw_label(self, text: str, at: Floats, size: float = 10.0) -> None:
         """Bold text on a dark disc, within the window."""
@@ -303,9 +294,9 @@ class Panel:
         inset = 1.1 * size * self.px_per_point
         x = min(max(float(at[0]), left + inset), right - inset)
         y = min(max(float(at[1]), top + inset), bottom - inset)
-        box = {"boxstyle": "circle,pad=0.28", "fc": DARK, "ec": "white", "lw": 0.8}
-        style = {"ha": "center", "va": "center", "fontsize": size, "fontweight": "bold", "color": "white"}
-        self.axes.text(x, y, text, bbox=box, zorder=6, **style)
+        box = {"boxstyle": "circle,pad=0.28", "fc": style.DARK, "ec": "white", "lw": 0.8}
+        font = {"ha": "center", "va": "center", "fontsize": size, "fontweight": "bold", "color": "white"}
+        self.axes.text(x, y, text, bbox=box, zorder=6, **font)
 
     def _draw_cones(self, grasp: RankedGrasp, view: View, friction: float) -> None:
         reach = float(np.linalg.norm(grasp.contacts - grasp.contacts.mean(axis=0), axis=1).mean())
@@ -376,11 +367,11 @@ class TextColumn:
         short = name if len(name) <= 60 else name[:28] + "…" + name[-28:]
         self._write_text(left, y, short, 17.0, weight="bold")
         if more:
-            self._write_text(self._left + self._width, y, more, 12.0, color=MUTED, ha="right")
+            self._write_text(self._left + self._width, y, more, 12.0, color=style.MUTED, ha="right")
 
     def _write_text(self, x: float, y: float, text: str, size: float, **more: Any) -> None:
-        style = {"color": INK, "va": "baseline", "parse_math": False, **more}
-        self._figure.text(x / PAGE[0], y / PAGE[1], text, fontsize=size, **style)
+        font = {"color": style.INK, "va": "baseline", "parse_math": False, **more}
+        self._figure.text(x / PAGE[0], y / PAGE[1], text, fontsize=size, **font)
 
     def _draw_box(self, left: float, bottom: float, width: float, height: float, colour: str) -> None:
         from matplotlib.patches import Rectangle

@@ -26,11 +26,7 @@ STATUS_RGB: dict[str, Colour] = {
     "lost": (222, 84, 24),
     "searching": (150, 156, 164),
 }
-STRATEGY_RGB: dict[str, Colour] = {
-    "rrp": (230, 159, 0),
-    "grasp-line": (204, 121, 167),
-    "homography": (0, 114, 178),
-}
+STRATEGY_RGB: dict[str, Colour] = {"rrp": (230, 159, 0), "grasp-line": (204, 121, 167), "homography": (0, 114, 178)}
 FINGER_RGB: Colour = (86, 180, 233)
 CONE_RGB: Colour = (240, 228, 66)
 REGION_RGB: Colour = (230, 110, 0)

@@ -63,12 +63,7 @@ class Filmstrip:
 
 
 class BinnedCurves:
-    """The columns of grasps.csv over the frames, in as many bins as a page has room for, whatever the run's length.
-
-    Args:
-        path: grasps.csv.
-        frames: its number of rows.
-    """
+    """The columns of grasps.csv over the frames, in as many bins as a page has room for, whatever the run's length."""
 
     def __init__(self, path: Path, frames: int) -> None:
         self.bins = min(frames, _COLUMNS)

@@ -146,6 +146,7 @@ class Stable:
         index: (g, k) of their contacts among the candidates.
         sense: (g,) 1 squeeze, -1 spread.
         strength: (g,) the friction that a pair needs, the epsilon of a triple.
+        friction: Coulomb coefficient.
         contacts: (g, k, 2) px.
         directions: (g, k, 2) unit vectors in which the fingers push: along the line for two, toward the contacts'
             mean or away from it for three.
@@ -155,7 +156,7 @@ class Stable:
     """
 
     def __init__(self, at: Candidates, index: Ints, sense: Floats, strength: Floats, friction: float) -> None:
-        self.index, self.sense, self.strength = index, sense, strength
+        self.index, self.sense, self.strength, self.friction = index, sense, strength, friction
         self.contacts: Floats = at.contacts[index]
         self.roughness: Floats = at.roughness[index].max(axis=1)
         mean = self.contacts.mean(axis=1)

@@ -84,7 +84,7 @@ def find_grasps(
         WrenchSpace(friction, cx, cy, 0.5 * at.size),
         RankingLimits(far_enough(at.size, px.finger_width), duplicate_radius(at.size, px.finger_width), max(top, 0)),
     )
-    return GraspList(_ranked_grasps(found, at, left[chosen], quality, regions, px, friction), "", refused)
+    return GraspList(_ranked_grasps(found, at, left[chosen], quality, regions, px), "", refused)
 
 
 def duplicate_radius(size: float, width: float) -> float:
@@ -111,7 +111,7 @@ def _nothing_closes(view: View, at: Candidates, fingers: int, friction: float) -
 
 
 def _ranked_grasps(
-    found: Stable, at: Candidates, rows: Ints, quality: Floats, regions: Floats, hand: HandPx, friction: float
+    found: Stable, at: Candidates, rows: Ints, quality: Floats, regions: Floats, hand: HandPx
 ) -> list[RankedGrasp]:
     """The chosen grasps with all that is said of them."""
     contacts, directions, index = found.contacts[rows], found.directions[rows], found.index[rows]
@@ -124,9 +124,10 @@ def _ranked_grasps(
     grasps = []
     for i, row in enumerate(rows.tolist()):
         if index.shape[1] == 2:
-            margin = math.atan(friction) - math.atan(found.strength[row])
+            margin = math.atan(found.friction) - math.atan(found.strength[row])
         else:
-            margin = ForceClosure.of(contacts[i], at.normals[index[i]], (cx, cy), 0.5 * at.size, friction).margin
+            normals = at.normals[index[i]]
+            margin = ForceClosure.of(contacts[i], normals, (cx, cy), 0.5 * at.size, found.friction).margin
         grasps.append(
             RankedGrasp(
                 contacts[i],

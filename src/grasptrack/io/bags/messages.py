@@ -75,10 +75,6 @@ class MessageImages:
     def decode_message(self, message: Any, name: str) -> Image | None:
         """A message's image; None where a video gives none yet.
 
-        Args:
-            message: with the fields of its type.
-            name: what to call it in messages.
-
         Raises:
             SourceError: an encoding that is not read, or data that is damaged.
         """

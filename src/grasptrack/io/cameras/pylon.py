@@ -73,7 +73,7 @@ class _Basler:
                 check_size(width, height, f"an image of {self._name}")
                 form = genicam_format(self._camera.PixelFormat.Value)
                 data = np.frombuffer(result.GetBuffer(), np.uint8)
-                step = 0 if form.packed else _bytes_of_row(width * form.channels * form.value_type().itemsize, result)
+                step = 0 if form.packed else width * form.channels * form.value_type().itemsize + result.GetPaddingX()
                 image = to_image(raw_image(data, width, height, form, step), form)
                 stamp = result.GetTimeStamp()
         except pylon.GenericException as error:
@@ -83,10 +83,6 @@ class _Basler:
     def close(self) -> None:
         self._camera.StopGrabbing()
         self._camera.Close()
-
-
-def _bytes_of_row(row: int, result: Any) -> int:
-    return row + int(result.GetPaddingX())
 
 
 def _node_value(nodes: Any, key: str, otherwise: float) -> float:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasptrack.errors import InputError
-from grasptrack.io.bags.readers import IMAGE_TOPIC, METADATA, RESULT_TOPIC
+from grasptrack.io.bags.source import IMAGE_TOPIC, METADATA, RESULT_TOPIC
 from grasptrack.io.columns import result_fields, result_schema
 from grasptrack.io.images import encode_image
 from grasptrack.io.recording import HALF, check_writable, covariance_ellipses, status_line

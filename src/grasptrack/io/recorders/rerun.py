@@ -21,13 +21,8 @@ if TYPE_CHECKING:
     from grasptrack.tracking.result import TrackResult
 
 IMAGE, OUTLINE, CONTACTS, ELLIPSES, STATUS, NUMBERS = (
-    "image",
-    "image/outline",
-    "image/contacts",
-    "image/ellipses",
-    "status",
-    "numbers",
-)
+    "image", "image/outline", "image/contacts", "image/ellipses", "status", "numbers",
+)  # fmt: skip
 """Paths of entities."""
 _WHITE = (255, 255, 255)
 _PLOTTED = ("margin", "confidence", "chance", "latency_ms")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`grasptrack doctor`: what is installed here, what is missing for what, and what is wrong with it."""
+"""`grasptrack doctor`, `cameras` and `models`: what is installed and what is wrong with it, what is attached, what segments."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import typer
 
-from grasptrack.errors import install_hint, own_pip
+from grasptrack.cli import help_groups
+from grasptrack.errors import InputError, install_hint, own_pip
 
 EXTRAS = {
     "live": "grasptrack live: the page in the browser",
@@ -141,3 +142,68 @@ def version_of(package: str) -> str:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return ""
+
+
+def cameras() -> None:
+    """List the cameras that are attached, each by its name as a SOURCE; and what would have to be installed to see more.
+
+    \b
+    Examples:
+      grasptrack cameras
+      grasptrack track pylon:40012345 --set ExposureTime=2000
+    """
+    from grasptrack.io.cameras.attached import list_cameras
+
+    listings = list_cameras()
+    found = [camera for listing in listings for camera in listing.cameras]
+    for camera in found:
+        typer.echo(f"{camera.source_name:32}  {camera.model}")
+    if not found:
+        typer.echo("no camera is attached")
+    for listing in listings:
+        if listing.note:
+            typer.echo(f"  {listing.kind}: {listing.note}")
+
+
+models = typer.Typer(
+    help="List models for --segmenter, and download one on request.",
+    cls=help_groups.GroupedVerbs,
+    rich_markup_mode=None,
+    invoke_without_command=True,
+)
+
+
+@models.callback()
+def _list_models(context: typer.Context) -> None:
+    """List models for --segmenter: what each does, its licence, size, hash, where it comes from, and whether it is here.
+
+    \b
+    Examples:
+      grasptrack models
+      grasptrack models get u2netp
+    """
+    if context.invoked_subcommand is not None:
+        return
+    from grasptrack.nets.models import MODELS, is_installed, models_folder
+
+    typer.echo(f"{'name':10} {'what':22} {'licence':10} {'MB':>6}  here  {'hash':27} from")
+    for model in MODELS:
+        here = "yes" if is_installed(model) else "no"
+        for file in model.files:
+            named = f"{model.name:10} {model.what:22} {model.licence:10}" if file is model.files[0] else " " * 44
+            typer.echo(f"{named} {file.megabytes:6g}  {here:4}  {file.digest[:24]}... {file.url}")
+    typer.echo(f"kept in {models_folder()}")
+
+
+@models.command(cls=help_groups.GroupedCommand, short_help="Download one model.")
+def get(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the model, as u2netp.")]) -> None:
+    """Download a model, say where from, and check its hash."""
+    from grasptrack.nets.models import MODELS, download_model, model_named
+
+    model = model_named(name)
+    if model is None:
+        raise InputError(f'unknown model "{name}"; choose from {", ".join(m.name for m in MODELS)}', name=name)
+    for file in model.files:
+        typer.echo(f"{model.name}: {file.megabytes:g} MB, {model.licence}, from {file.url}")
+    for file, path in zip(model.files, download_model(model), strict=True):
+        typer.echo(f"kept as {path}, {file.digest.partition(':')[0]} checked")
