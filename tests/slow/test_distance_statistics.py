@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.result import TrackResult
 
 
+@cache
 def followed(seed: int, known: bool, length: float = 120.0) -> list[tuple[TrackResult, float, float]]:
     """Located frames: what is told, the true distance and the true tilt."""
     scene, own = approach(seed)
