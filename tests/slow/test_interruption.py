@@ -25,9 +25,8 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("how", SIGNALS, ids=lambda s: s.name)
-@pytest.mark.parametrize("seed", range(2))
-def test_a_run_that_is_interrupted_keeps_what_it_computed(images: Path, tmp_path: Path, how: int, seed: int) -> None:
-    out, moment = tmp_path / "out", random.Random(f"{how} {seed}").uniform(0.0, 0.7)
+def test_a_run_that_is_interrupted_keeps_what_it_computed(images: Path, tmp_path: Path, how: int) -> None:
+    out, moment = tmp_path / "out", random.Random(f"{how} 0").uniform(0.0, 0.7)
     given = [sys.executable, "-m", "grasptrack.cli.main", "track", str(images), "--output", str(out), "--no-video"]
     with subprocess.Popen(given, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         while process.poll() is None and not (out / "run.json").exists():
