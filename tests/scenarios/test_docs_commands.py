@@ -65,13 +65,8 @@ DROPPED = {
     "--scheduler": ("--workers",),
 }  # by an option of the page
 WORDS = {"SOURCE": "photos", "IMAGE": "photo.jpg", "IMAGE_A": "a.png", "IMAGE_B": "b.png", "A": "old", "B": "new"}
-WORDS |= {
-    "N": "1",
-    "MU": "0.5",
-    "camera:0": "video.mp4",
-    "/tmp/demo": "demo",
-    "tcp://host:8786": "tcp://127.0.0.1:8786",
-}
+WORDS |= {"N": "1", "MU": "0.5", "camera:0": "video.mp4", "/tmp/demo": "demo"}
+WORDS |= {"tcp://host:8786": "tcp://127.0.0.1:8786"}
 NOT_HERE = {"camera:0?size=1280x720&fps=30", "pylon:40012345", "u2netp", "NAME"}
 """Words of commands that want a camera, a model or a name: they are parsed, and not run."""
 FOLDERS = {"--silhouettes": "shapes", "--folder": "shapes", "--data": "data", "--real": "videos", "real": "videos"}
@@ -127,12 +122,6 @@ def verb_of(words: list[str]) -> tuple[str, list[str]]:
     """The verb of the command line, and what follows it."""
     count = 2 if words[1:2] == ["evaluate"] or words[1:3] == ["models", "get"] else 1
     return " ".join(words[1 : 1 + count]), words[1 + count :]
-
-
-def study_of(words: list[str]) -> str | None:
-    """The name of the study that a command starts."""
-    found = re.match(r"python -m research\.studies\.(\w+)", " ".join(words))
-    return found[1] if found else None
 
 
 def set_option(words: list[str], name: str, value: str) -> list[str]:
@@ -208,8 +197,10 @@ def test_every_command_is_known(command: str) -> None:
             command_of(verb).make_context(verb, filled)
     elif words[:3] == ["python", "-m", "research.paper"]:
         typer.main.get_command(paper).make_context("paper", words[3:])
-    elif (study := study_of(words)) is not None:  # tests/slow/test_studies.py runs each
-        files = [ROOT / "research" / "studies" / f"{name}.py" for name in (study, "common")]
+    elif study := re.match(
+        r"python -m research\.studies\.(\w+)", " ".join(words)
+    ):  # tests/slow/test_studies.py runs each
+        files = [ROOT / "research" / "studies" / f"{name}.py" for name in (study[1], "common")]
         shown = "".join(file.read_text(encoding="utf-8") for file in files)
         options = {w for w in words if w.startswith("--")}
         assert {o for o in options if f'"{o}"' not in shown} == set(), "unknown options"
