@@ -9,10 +9,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-import pytest
-from hypothesis import settings
+# Before NumPy is loaded. Matrices here are small: with two processes on two cores, threads only wait for each other (x 4).
+for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(library, "1")
+
+import cv2  # noqa: E402
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+from hypothesis import settings  # noqa: E402
 
 FOLDERS = ("helpers", "oracle", "laws", "scenarios", "slow", "fuzz")
 sys.path[:0] = [str(Path(__file__).parent / name) for name in FOLDERS]
@@ -74,8 +78,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """All is done where a test is slow or marked `whole`."""
-    wanted = item.get_closest_marker("slow") or item.get_closest_marker("whole")
+    """All is done where a test is marked `whole`, or is slow and not marked `brief`."""
+    slow = item.get_closest_marker("slow") and not item.get_closest_marker("brief")
+    wanted = slow or item.get_closest_marker("whole")
     for (module, function), short in SHORT.items():
         own = whole(module, function)
         setattr(import_module(module), function, own if wanted else short)

@@ -122,7 +122,7 @@ VERBS = {
         readable("approach.json", "*.png"),
     ),
     "servo --trials": Verb(
-        ("servo", "--trials", "3", "--seed", "3", "--workers", "1"),
+        ("servo", "--trials", "2", "--seed", "3", "--shape", "rectangle", "--workers", "1"),
         readable("trials.*", "failures/*.png"),
         lambda folder: without_times(folder / "trials.csv"),
     ),

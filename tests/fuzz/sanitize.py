@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -69,8 +70,12 @@ def main() -> int:
     """Status 1 where anything was found."""
     build()
     loaded = "import _grasptrack_native as n; assert 'sanitize' in n.__file__, n.__file__"
-    fuzz = ["-W", "ignore", "tests/fuzz/run.py", "--calls", "12000", "--contours", "2000", "--patience", "120"]
-    return int(any([run("-c", loaded), run("-m", "pytest", "-p", "no:xdist", "-m", "not slow", *LAWS), run(*fuzz)]))
+    fuzz = ["-W", "ignore", "tests/fuzz/run.py", "--calls", "8000", "--contours", "1500", "--patience", "120"]
+    if run("-c", loaded):
+        return 1
+    laws = ["-m", "pytest", "-p", "no:xdist", "-m", "not slow", *LAWS]
+    with ThreadPoolExecutor() as side_by_side:
+        return int(any(side_by_side.map(lambda command: run(*command), (laws, fuzz))))
 
 
 if __name__ == "__main__":

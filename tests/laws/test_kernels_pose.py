@@ -52,9 +52,8 @@ def test_answers_make_their_objective_least_and_have_its_curvature() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", range(2))
-def test_hundreds_of_answers_make_their_objective_least(part: int) -> None:
-    left = [what_is_left(seed) for seed in range(part, 1000, 5)]
+def test_dozens_of_answers_make_their_objective_least() -> None:
+    left = [what_is_left(seed) for seed in range(0, 800, 10)]
     px, deviations, narrow = np.array(left).T
     assert np.mean([one.agrees for one in left]) > 0.88
     assert np.median(px) < 0.015 and np.quantile(px, 0.95) < 0.5

@@ -28,10 +28,10 @@ def test_all_tasks_are_done_in_any_order_and_one_that_fails_keeps_none_from_its_
     assert outcomes[1].error == "ValueError: -1 is negative"
 
 
-def test_each_process_has_one_thread_and_the_caller_keeps_its_own_settings() -> None:
-    before = os.environ.get("OPENBLAS_NUM_THREADS")
+def test_each_process_has_one_thread_and_the_caller_keeps_its_own_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
     assert [o.value for o in create_scheduler(workers=1)(scheduled.threads, [0])] == [(1, "1")]
-    assert os.environ.get("OPENBLAS_NUM_THREADS") == before
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "2"
 
 
 def test_a_dead_worker_is_replaced_and_what_kills_workers_is_given_up(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import grasptrack as gt
@@ -32,6 +32,7 @@ LIGHTS = {
 
 
 @pytest.mark.slow
+@settings(max_examples=10)
 @given(
     st.floats(0.5, 1.2), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.0, 12.0),
     st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.integers(0, 99),

@@ -47,7 +47,7 @@ SHORT: dict[str, dict[str, str]] = {
     "live": {"--start": "", "--until-end": "", "--port": "0"},
     "transfer": {},
     "demo": {"--frames": "2", "--no-video": ""},
-    "servo": {"--no-video": ""},
+    "servo": {"--no-video": "", "--shape": "bracket"},
     "evaluate scenes": {"--shapes": "bracket", "--disturbances": "clean-4dof", "--frames": "2", "--workers": "1"},
     "evaluate real": {"--workers": "1"},
     "compare": {},
@@ -56,14 +56,17 @@ SHORT: dict[str, dict[str, str]] = {
     "doctor": {},
     "models get": {},
 }
-FEWER = {"--trials": "1", "--repeats": "1", "--runs": "1"}  # wherever a page gives them
+FEWER = {"--trials": "1", "--repeats": "1", "--runs": "1", "--shape": "bracket"}  # wherever a page gives them
+LEFT_OUT = ("--output", "--seed")
+"""Options whose value makes no other command, wherever a page gives them."""
 DROPPED = {
-    "--silhouettes": ("--shapes",),
+    "--silhouettes": ("--shapes", "--shape"),
     "--trials": ("--no-video",),
     "--scheduler": ("--workers",),
 }  # by an option of the page
 WORDS = {"SOURCE": "photos", "IMAGE": "photo.jpg", "IMAGE_A": "a.png", "IMAGE_B": "b.png", "A": "old", "B": "new"}
 WORDS |= {"N": "1", "MU": "0.5", "camera:0": "video.mp4", "/tmp/demo": "demo"}
+WORDS |= {"tcp://host:8786": "tcp://127.0.0.1:8786"}
 NOT_HERE = {"camera:0?size=1280x720&fps=30", "pylon:40012345", "u2netp", "NAME"}
 """Words of commands that want a camera, a model or a name: they are parsed, and not run."""
 FOLDERS = {"--silhouettes": "shapes", "--folder": "shapes", "--data": "data", "--real": "videos", "real": "videos"}
@@ -121,12 +124,6 @@ def verb_of(words: list[str]) -> tuple[str, list[str]]:
     return " ".join(words[1 : 1 + count]), words[1 + count :]
 
 
-def study_of(words: list[str]) -> str | None:
-    """The name of the study that a command starts."""
-    found = re.match(r"python -m research\.studies\.(\w+)", " ".join(words))
-    return found[1] if found else None
-
-
 def set_option(words: list[str], name: str, value: str) -> list[str]:
     if name in words:
         at = words.index(name) + 1
@@ -137,8 +134,9 @@ def set_option(words: list[str], name: str, value: str) -> list[str]:
 def shortened(words: list[str], options: dict[str, str]) -> list[str]:
     """The words with metavariables filled in and long options made short."""
     out: list[str] = []
-    for word in words:
-        before = out[-1] if out else ""
+    for before, word in zip(["", *words], words, strict=False):
+        if word in LEFT_OUT or before in LEFT_OUT:
+            continue
         out.append(FOLDERS.get(before, "videos") if word == "DIR" else WORDS.get(word, word))
     ruled_out = {o for given, others in DROPPED.items() if given in words for o in others}
     for name, value in options.items():
@@ -157,15 +155,14 @@ def cases() -> list[object]:
         environment, words = split(command)
         if command in ELSEWHERE or NOT_HERE.intersection(words):
             continue
-        if words[0] == "grasptrack" and not words[1].startswith("-"):
-            kind, rest = verb_of(words)
-            if kind not in SHORT or (not rest and needs_arguments(kind)):
-                continue  # unknown ones fail below; a verb's bare name in running text is no command
-            short = ["grasptrack", *kind.split(), *shortened(rest, SHORT[kind])]
-        else:
+        if words[0] != "grasptrack" or words[1].startswith("-"):
             continue
+        kind, rest = verb_of(words)
+        if kind not in SHORT or (not rest and needs_arguments(kind)):
+            continue  # unknown ones fail below; a verb's bare name in running text is no command
+        short = ["grasptrack", *kind.split(), *shortened(rest, SHORT[kind])]
         name = " ".join([*(f"{key}={value}" for key, value in environment.items()), shlex.join(short)])
-        seen[name] = pytest.param(environment, short, id=name)
+        seen[" ".join(sorted([*environment, *short]))] = pytest.param(environment, short, id=name)
     return list(seen.values())
 
 
@@ -200,8 +197,10 @@ def test_every_command_is_known(command: str) -> None:
             command_of(verb).make_context(verb, filled)
     elif words[:3] == ["python", "-m", "research.paper"]:
         typer.main.get_command(paper).make_context("paper", words[3:])
-    elif (study := study_of(words)) is not None:  # tests/slow/test_studies.py runs each
-        files = [ROOT / "research" / "studies" / f"{name}.py" for name in (study, "common")]
+    elif study := re.match(
+        r"python -m research\.studies\.(\w+)", " ".join(words)
+    ):  # tests/slow/test_studies.py runs each
+        files = [ROOT / "research" / "studies" / f"{name}.py" for name in (study[1], "common")]
         shown = "".join(file.read_text(encoding="utf-8") for file in files)
         options = {w for w in words if w.startswith("--")}
         assert {o for o in options if f'"{o}"' not in shown} == set(), "unknown options"
@@ -300,7 +299,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def here(workspace: Path, tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder with links to those files of the workspace that the command reads, but not to what it writes."""
     words = request.node.callspec.params["words"]
-    if "data" in words or study_of(words) == "segmentation":
+    if "data" in words:
         if not DATA.is_dir():
             pytest.skip(f"no real data in {DATA}; set GRASPTRACK_DATA")
         monkeypatch.setenv("GRASPTRACK_DATA", str(DATA))
@@ -334,29 +333,31 @@ def start_cluster(folder: Path) -> tuple[str, list[subprocess.Popen[bytes]]]:
 
 
 @pytest.mark.slow
+@pytest.mark.brief
 @pytest.mark.parametrize(("environment", "words"), cases())
 def test_a_short_form_runs(
-    environment: dict[str, str], words: list[str], here: Path, monkeypatch: pytest.MonkeyPatch
+    environment: dict[str, str],
+    words: list[str],
+    here: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
-    for name, value in environment.items():
-        monkeypatch.setenv(name, value)
-    monkeypatch.setenv("MPLBACKEND", "Agg")
+    """In this process, but for what is read once when the program is loaded."""
     cluster: list[subprocess.Popen[bytes]] = []
     if "--scheduler" in words:
         pytest.importorskip("distributed")
         address, cluster = start_cluster(here)
         words = set_option(words, "--scheduler", address)
     try:
-        if words[0] == "grasptrack":
+        if environment:
             run = [sys.executable, "-m", "grasptrack.cli.main", *words[1:]]
-        elif "-m" in words:
-            run = [sys.executable, *words[1:]]
+            status = subprocess.run(run, env=os.environ | environment, check=False).returncode
         else:
-            run = [sys.executable, str(ROOT / words[1]), *words[2:]]
-        done = subprocess.run(run, capture_output=True, text=True, check=False)
+            status = main(words[1:])
     finally:
         for process in reversed(cluster):
             process.terminate()
         for process in cluster:
             process.wait(20)
-    assert done.returncode == 0, f"{shlex.join(words)}\n{done.stdout[-500:]}{done.stderr[-800:]}"
+    told = capfd.readouterr()
+    assert status == 0, f"{shlex.join(words)}\n{told.out[-500:]}{told.err[-800:]}"

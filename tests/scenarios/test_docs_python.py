@@ -46,9 +46,9 @@ def test_each_block_runs(name: str, tmp_path: Path) -> None:
 
     write_video(tmp_path / "video.mp4")
     (tmp_path / "block.py").write_text(complete(blocks()[name]))
-    environment = {"PYTHONPATH": str(ROOT / "tests" / "helpers"), "PATH": "/usr/bin:/bin"}
+    given = {"PYTHONPATH": str(ROOT / "tests" / "helpers"), "PATH": "/usr/bin:/bin", "OPENBLAS_NUM_THREADS": "1"}
     run = [sys.executable, "block.py"]
-    done = subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(run, cwd=tmp_path, env=given, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout, "a block that shows nothing"
     assert "lost" not in done.stdout and "failed" not in done.stdout

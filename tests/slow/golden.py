@@ -18,7 +18,7 @@ import numpy as np
 
 from grasptrack_bench.metrics.integrity import compute_measures
 from grasptrack_bench.metrics.score import FrameScore
-from grasptrack_bench.scenes import built_in, make_scene_cases, run_case
+from grasptrack_bench.scenes import SceneCase, built_in, make_scene_cases, run_case
 from grasptrack_bench.schedule import create_scheduler
 
 STORED = Path(__file__).with_name("golden.json")
@@ -56,9 +56,16 @@ class Found(NamedTuple):
     wrong: set[tuple[str, str]]
 
 
+def suite(seed: int) -> list[SceneCase]:
+    """Each shape under half of the disturbances, and each disturbance with half of the shapes, as on a chessboard."""
+    fields = {f"{s}.{d}" for i, s in enumerate(SHAPES) for j, d in enumerate(DISTURBANCES) if (i + j) % 2}
+    every = make_scene_cases(built_in(SHAPES), DISTURBANCES, frames=FRAMES, seed=seed)
+    return [case for case in every if case.name in fields]
+
+
 def run(seed: int = 0) -> Found:
     """The suite, with scenes drawn from a seed."""
-    cases = make_scene_cases(built_in(SHAPES), DISTURBANCES, frames=FRAMES, seed=seed)
+    cases = suite(seed)
     runs: dict[str, list[list[FrameScore]]] = {name: [] for name in METHODS}
     wrong: set[tuple[str, str]] = set()
     outcomes = sorted(create_scheduler()(run_case, [(case, METHODS) for case in cases]), key=lambda o: o.index)

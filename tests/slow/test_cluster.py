@@ -18,7 +18,7 @@ from test_cli_evaluate import scored
 
 def test_a_cluster_that_loses_a_worker_gives_the_same_to_the_last_digit(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-    given = ["evaluate", "scenes", "--shapes", "bracket,blob", "--disturbances", "noise,belt,bar", "--frames", "12"]
+    given = ["evaluate", "scenes", "--shapes", "bracket", "--disturbances", "noise,belt,bar,clip", "--frames", "6"]
     given += ["--methods", "homography,klt", "--output"]
     assert main([*given, str(tmp_path / "here"), "--quiet"]) == 0
     with distributed.LocalCluster(

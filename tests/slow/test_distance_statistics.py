@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -15,7 +16,11 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.result import TrackResult
 
+APPROACHES = 20
+"""Of twenty drawn from 32, the share is beyond the bounds below as seldom as that of 32 is beyond 0.90 and 0.99."""
 
+
+@cache
 def followed(seed: int, known: bool, length: float = 120.0) -> list[tuple[TrackResult, float, float]]:
     """Located frames: what is told, the true distance and the true tilt."""
     scene, own = approach(seed)
@@ -37,11 +42,11 @@ def followed(seed: int, known: bool, length: float = 120.0) -> list[tuple[TrackR
 
 @pytest.mark.parametrize("known", [False, True])
 def test_the_true_distance_lies_within_what_is_told(known: bool) -> None:
-    found = [each for seed in range(32) for each in followed(seed, known)]
+    found = [each for seed in range(APPROACHES) for each in followed(seed, known)]
     off = np.array([(r.distance - true) / r.distance_sd for r, true, _ in found])
     share = np.array([abs(r.distance / true - 1.0) for r, true, _ in found])
-    assert len(off) > 0.95 * 32 * FRAMES
-    assert 0.90 <= (abs(off) <= 1.96).mean() <= 0.99
+    assert len(off) > 0.95 * APPROACHES * FRAMES
+    assert 0.90 <= (abs(off) <= 1.96).mean() <= 0.995
     late = np.array([r.distance_sd / r.distance for r, _, _ in found if r.frame >= FRAMES // 2])
     if known:
         assert np.median(share) < 0.02 and np.median(late) < 0.015

@@ -3,49 +3,13 @@
 
 from __future__ import annotations
 
-import json
 import random
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
 
-from interruptions import INTERRUPTED, SIGNALS, VERBS, Harness
-from recordings import plates, rows
-
-FRAMES = 400
-
-
-@pytest.fixture(scope="module")
-def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return plates(tmp_path_factory.mktemp("images"), FRAMES)
-
-
-@pytest.mark.parametrize("how", SIGNALS, ids=lambda s: s.name)
-@pytest.mark.parametrize("seed", range(2))
-def test_a_run_that_is_interrupted_keeps_what_it_computed(images: Path, tmp_path: Path, how: int, seed: int) -> None:
-    out, moment = tmp_path / "out", random.Random(f"{how} {seed}").uniform(0.0, 0.7)
-    given = [sys.executable, "-m", "grasptrack.cli.main", "track", str(images), "--output", str(out), "--no-video"]
-    with subprocess.Popen(given, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        while process.poll() is None and not (out / "run.json").exists():
-            time.sleep(0.005)
-        time.sleep(moment)
-        process.send_signal(how)
-        said = process.communicate(timeout=60)[1]
-    told = json.loads((out / "run.json").read_text())
-    found = rows(out)
-    assert all(row["status"] for row in found)
-    if how == signal.SIGKILL:
-        assert told["ended"] in ("running", "finished") and said == ""
-    elif told["ended"] == "finished":  # it was quicker than the signal
-        assert process.returncode == 0 and len(found) == FRAMES
-    else:
-        assert told["ended"] == "interrupted" and process.returncode == INTERRUPTED
-        assert said.count("\n") == 1 and f"interrupted after {len(found)} frames" in said
-        assert told["frames"] == len(found) < FRAMES
+from interruptions import SIGNALS, VERBS, Harness
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -24,11 +24,10 @@ def is_first(shown: Shown) -> bool:
     return shown.arrival is not None and shown.arrival.frame.name == "0.png"
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_the_page_survives_what_it_is_told(tmp_path: Path, seed: int) -> None:
+def test_the_page_survives_what_it_is_told(tmp_path: Path) -> None:
     target = live_messages.Target(tmp_path)
     try:
-        found = [finding for _, finding in islice(live_messages.fuzz(target, seed), 1500)]
+        found = [finding for _, finding in islice(live_messages.fuzz(target, 1), 1000)]
         assert [f for f in found if f is not None] == []
         begun: list[int] = []
         target.session.add_listener(lambda s: begun.append(s.image) if s.phase == "looking" and is_first(s) else None)

@@ -21,9 +21,9 @@ from long_live import RECORDED_AS, ROUNDS, Held, LongLive, run
 def test_nothing_is_left_open(suffix: str) -> None:
     if suffix == ".mcap":
         pytest.importorskip("foxglove", reason="the extra foxglove is not installed")
-    found = run(20.0, 5, suffix)
+    found = run(1.0, 5, suffix)  # ROUNDS of them, however long they take
     assert found.findings == [] and len(found.held) == found.counts["rounds"] >= ROUNDS
-    assert found.counts["recordings"] and found.counts["clients"] and found.counts["images"] > 100, found.counts
+    assert found.counts["recordings"] and found.counts["clients"] and found.counts["images"] > 5 * ROUNDS, found.counts
 
 
 @pytest.mark.parametrize("name", ["files", "threads"])

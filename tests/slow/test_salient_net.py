@@ -40,15 +40,15 @@ def test_the_net_finds_tools_that_reflections_hide(net: str) -> None:
     if not (DATA / "tools" / "index.csv").is_file():
         pytest.skip(f"no photos of tools in {DATA}")
     with (DATA / "tools" / "index.csv").open() as file:
-        names = [row["name"] for row in csv.DictReader(file) if row["scene"] == "black-table"]
+        names = [row["name"] for row in csv.DictReader(file) if row["scene"] == "black-table"][::2]
     first = three = 0
     for name in names:
         image = cv2.imread(str(DATA / "tools" / "images" / f"{name}.jpg"))
         truth = cv2.imread(str(DATA / "tools" / "masks" / f"{name}.png"), cv2.IMREAD_GRAYSCALE) > 0
         right = [is_found(truth, c.view) for c in distinct_candidates(gt.first_look(image, segmenter=net))]
         first, three = first + right[0], three + any(right)
-    assert first / len(names) >= 0.7  # 0.89; 0.41 without the net
-    assert three / len(names) >= 0.8
+    # Of all 27 it finds 24, and 11 without the net; of so many, chance leaves fewer in 0.3 % and 6 % of draws of 14.
+    assert len(names) == 14 and first >= 9 and three >= 11
 
 
 def test_the_model_of_the_package_is_the_one_that_is_listed(net: str) -> None:

@@ -262,15 +262,15 @@ def alarms(what: dict[str, Any], seeds: range, knock: tuple[float, float] = (0.0
 
 
 def test_the_alarm_does_not_ring_where_nothing_was_knocked() -> None:
-    for what in RIGHT:
-        assert alarms(what, range(6000, 6004))[0] == 0, what
+    rang = [(what, seed) for what in RIGHT for seed in (6000, 6001) if listen(Bench(seed=seed, **what))[0]]
+    assert rang == []
 
 
 def test_the_alarm_rings_for_a_camera_that_was_knocked() -> None:
-    """Most times before the hand closes, about a second after, and nearly always in the next approach."""
-    found = np.array([alarms(what, range(6000, 6004), (0.01, 3.0)) for what in KNOCKED])
+    """Most times before the hand closes, about a second after, and in the next approach."""
+    found = np.array([alarms(what, range(6000, 6002), (0.01, 3.0)) for what in KNOCKED])
     now, later, count = found.sum(axis=0)
-    assert now >= 0.5 * count and later >= 0.9 * count, found
+    assert now >= 0.5 * count and later == count == 6, found
 
 
 def show(name: str, found: Found) -> None:
@@ -288,13 +288,17 @@ def show(name: str, found: Found) -> None:
 
 @pytest.mark.parametrize("what", KINEMATIC)
 def test_on_the_bench_the_truth_lies_within_what_is_told(what: str) -> None:
-    assert too_few(on_the_bench(KINEMATIC[what], range(2000, 2020))) == {}
+    assert too_few(on_the_bench(KINEMATIC[what], range(2000, 2006))) == {}
 
 
-@pytest.mark.parametrize("what", IMAGES)
-def test_with_the_errors_of_real_tracking_the_truth_lies_within_what_is_told(what: str) -> None:
+def test_with_the_errors_of_real_tracking_the_truth_lies_within_what_is_told() -> None:
+    """Four approaches of each kind, counted together."""
     pytest.importorskip("mujoco", reason="the physical world needs MuJoCo")
-    assert too_few(on_images(what, 779, 12)) == {}
+    found: Found = defaultdict(list)
+    for what in IMAGES:
+        for key, rows in on_images(what, 779, 4).items():
+            found[key] += rows
+    assert too_few(found) == {}
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of the set-up, ten of each kind: named within two seconds of motion. And of 200 that are right none is refused.
+"""Errors of the set-up, ten of each kind: named within two seconds of motion. And of 40 that are right none is refused.
 
-`python tests/helpers/setup_errors.py` prints what was said.
+`python tests/helpers/setup_errors.py` prints what was said, and of 200.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ def test_an_error_of_the_set_up_is_named_within_two_seconds_of_motion(kind: str,
     assert found.names(kind), found
 
 
-@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("part", range(2))
 def test_no_set_up_that_is_right_is_refused(part: int) -> None:
-    found = {seed: try_right(seed) for seed in range(part, 200, 8)}
+    found = {seed: try_right(seed) for seed in range(part, 200, 10)}
     assert {seed: each for seed, each in found.items() if each.refused} == {}
-    assert sum(each.near for each in found.values()) >= 24, {s: each for s, each in found.items() if not each.near}
+    assert sum(each.near for each in found.values()) >= 19, {s: each for s, each in found.items() if not each.near}
 
 
 def test_what_is_not_named_or_too_late_counts_as_missed() -> None:
