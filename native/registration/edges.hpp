@@ -128,14 +128,11 @@ struct Light {
     double gain = 1, bias = 0;
 };
 
-// Robust gain and bias of the object's surface, reference to current: as before, and, where that explains little of it, after a
-// jump. Where much is covered, the cover is what fits most: which of both is right the surface alone does not tell.
-struct SurfaceLight {
-    Light same, fresh;
-    bool may_have_jumped = false;
-};
+constexpr double soft = 25.0;  // grey levels, by which light and what is seen may differ, softly
 
-GRASPTRACK_WIDE inline SurfaceLight surface_light(const Target &target, const Pyramid &pyramid, const Homography &G, const Light &before) {
+// Robust gain and bias of the object's surface, reference to current. Where much is covered, the cover is what fits most:
+// the light of before, as far as it still explains some of the surface, is believed rather than a jump of the light.
+GRASPTRACK_WIDE inline Light surface_light(const Target &target, const Pyramid &pyramid, const Homography &G, const Light &before) {
     std::vector<double> x, y;
     for (std::size_t i = 0; i < target.surface.size(); ++i) {
         const Point p = target.surface[i], q = carried(G, p.x, p.y);
@@ -144,7 +141,7 @@ GRASPTRACK_WIDE inline SurfaceLight surface_light(const Target &target, const Py
         y.push_back(pyramid[0].at(q.x, q.y));
     }
     const std::size_t n = x.size();
-    if (n < 30) return {before, before};
+    if (n < 30) return before;
     const auto spread = [n](const std::vector<double> &v) {
         double m = 0, s = 0;
         for (double a : v) m += a;
@@ -152,7 +149,7 @@ GRASPTRACK_WIDE inline SurfaceLight surface_light(const Target &target, const Py
         for (double a : v) s += (a - m) * (a - m);
         return std::sqrt(s / static_cast<double>(n));
     };
-    constexpr double flat = 5.0, soft = 25.0;  // grey levels
+    constexpr double flat = 5.0;               // grey levels
     constexpr double jump = 0.3;               // odds that the light is another than before
     const double sx = spread(x);
     const bool varied = sx > flat;
@@ -190,7 +187,14 @@ GRASPTRACK_WIDE inline SurfaceLight surface_light(const Target &target, const Py
     fresh.bias = middle(rest);
     fresh = refined(fresh);
     const Light same = refined(before);
-    return {same, fresh, jump * explained(fresh) > explained(same)};
+    return jump * explained(fresh) > explained(same) ? fresh : same;
+}
+
+// Whether a light is another one than before, so that the object's grey levels are others. What covers all of its surface looks like it.
+inline bool is_other_light(const Target &target, const Light &light, const Light &before) {
+    double sum = 0;
+    for (double value : target.surface_value) sum += (light.gain - before.gain) * value + light.bias - before.bias;
+    return std::abs(sum) > 0.5 * soft * static_cast<double>(target.surface_value.size());
 }
 
 struct EdgeView {

@@ -83,8 +83,7 @@ class Solver {
             add_rows<8>(system.A, system.b, texture.information, texture.gradient);
             add_rows<8>(A, b, texture.information, texture.gradient);
             if (!invert<8>(A, P)) return out;
-            const SurfaceLight light = surface_light(target_, pyramid_, G, start_.light);
-            out.light = light.may_have_jumped ? light.fresh : light.same;
+            out.light = surface_light(target_, pyramid_, G, start_.light);
             Matrix<9> scatter{};
             if (edges) {
                 if (reach == 0 || round == 0) {
@@ -93,11 +92,11 @@ class Solver {
                 }
                 const std::vector<int> half = half_widths(G);
                 view_ = measure_edges(target_, pyramid_, G, places_, reach, half, out.light, 46);
-                if (light.may_have_jumped) {  // or most of it is covered: by the outline's inner side
-                    EdgeView before = measure_edges(target_, pyramid_, G, places_, reach, half, light.same, 46);
+                if (is_other_light(target_, out.light, start_.light)) {  // or most is covered: by the outline's inner side
+                    EdgeView before = measure_edges(target_, pyramid_, G, places_, reach, half, start_.light, 46);
                     if (explain_edges(before, G, P, nuisance[0], spread[0]) > explain_edges(view_, G, P, nuisance[0], spread[0])) {
                         view_ = std::move(before);
-                        out.light = light.same;
+                        out.light = start_.light;
                     }
                 }
                 if (!fit_edges(round == 0 ? 3 : 4, G, times<8>(P, b), P, nuisance[0], spread[0], system, scatter, out)) return out;

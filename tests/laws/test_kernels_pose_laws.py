@@ -110,6 +110,18 @@ def test_a_cover_hides_the_outline_and_a_notch_is_another_shape(seed: int) -> No
 
 
 @NOISY
+@pytest.mark.parametrize("level", [90.0, 110.0])
+def test_what_covers_all_of_a_plain_surface_is_no_light(seed: int, level: float) -> None:
+    """The outline's inner side tells: its edges are where they were, though the surface looks as in another light."""
+    cover = CENTRE + 0.7 * (outline(60)[0] - CENTRE)
+    G = view(np.random.default_rng(seed), 0.4)
+    image = draw(G, seed, textured=False, patch=(cover, level))
+    found = target(native, seed, textured=False).solve(**question(pyramid(image)))
+    assert found.valid and found.edge_share > 0.8
+    assert np.abs(carried(found.G, CONTACTS) - carried(G, CONTACTS)).max() < 0.25
+
+
+@NOISY
 def test_flow_finds_what_moved(seed: int) -> None:
     rng = np.random.default_rng(seed)
     before, G = pyramid(draw(A, seed)), view(rng)

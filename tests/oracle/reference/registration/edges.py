@@ -156,22 +156,29 @@ def measure_edges(
     return Candidates(reach, density, half, inside, offset, step, difference)
 
 
-def surface_light(target: Target, pyramid: Pyramid, G: Floats, before: Light) -> list[Light]:
+def surface_light(target: Target, pyramid: Pyramid, G: Floats, before: Light) -> Light:
     """Robust gain and bias of the object's surface, from the reference to an image seen through G (3, 3).
 
-    Where that of before explains little of it, the light has jumped, or most of it is covered: the first one is that of a jump.
+    Where much is covered, the cover is what fits most: the light of before, as far as it still explains some of the surface,
+    is believed rather than a jump of the light.
     """
     y = pyramid[0].at(*transform_points(G, *target.surface.T), margin=1.0)
     held = ~np.isnan(y)
     x, y = target.surface_value[held], y[held]
     if len(x) < FEW_SAMPLES:
-        return [before]
+        return before
     varied = x.std() > FLAT
     gain = float(np.clip(y.std() / x.std(), 0.4, 2.5)) if varied else 1.0
     fresh = _refine_light(Light(gain, float(upper_median(y - gain * x))), x, y, varied)
     same = _refine_light(before, x, y, varied)
     explained = [(np.abs(y - light.gain * x - light.bias) < 0.5 * SOFT).sum() for light in (fresh, same)]
-    return [fresh, same] if JUMP * explained[0] > explained[1] else [same]
+    return fresh if JUMP * explained[0] > explained[1] else same
+
+
+def is_other_light(target: Target, light: Light, before: Light) -> bool:
+    """Whether a light makes other grey levels of the surface than that of before. What covers all of it looks like that."""
+    change = (light.gain - before.gain) * target.surface_value + light.bias - before.bias
+    return bool(abs(change.sum()) > 0.5 * SOFT * len(change))
 
 
 def _refine_light(light: Light, x: Floats, y: Floats, varied: bool) -> Light:

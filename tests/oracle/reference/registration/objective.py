@@ -23,6 +23,7 @@ from reference.registration.edges import (
     Light,
     edge_likelihoods,
     explain_outline,
+    is_other_light,
     measure_edges,
     misplaced_edge_log_ratio,
     surface_light,
@@ -113,8 +114,7 @@ class Objective:
             numbers["edge_missed"], numbers["same_sign"], numbers["edge_floor"], start.inner_spread,
             numbers["other_spread"], start.sides,
         )  # fmt: skip
-        self.lights = surface_light(target, pyramid, G, Light(start.gain, start.bias))
-        self.light = self.lights[0]
+        self.light = surface_light(target, pyramid, G, Light(start.gain, start.bias))
         self.places = self._seen_at(target.points, target.jacobian(target.points))
         camera = Pinhole(target, start.nuisance[1:], *self.size, start.aspect)
         # sides that the first view showed count the other way
@@ -219,7 +219,9 @@ class Objective:
             h, vh: work px, thickness and its variance.
         """
         rows, along, parallax = self.target.rows, self.target.along, self.parallax
-        self.light = max(self.lights, key=lambda light: self._log_likelihood(light, reach, P, h, vh))
+        before = Light(self.start.gain, self.start.bias)
+        if is_other_light(self.target, self.light, before):  # or most is covered: by the outline's inner side
+            self.light = max((self.light, before), key=lambda light: self._log_likelihood(light, reach, P, h, vh))
         view, n = self.candidates(self.G, reach), len(rows)
         A, b = _reduced(*_summed(self.terms), 9)
         d = P @ _reduced(*_summed(self.terms), 8)[1]
