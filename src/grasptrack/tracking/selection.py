@@ -32,7 +32,7 @@ from grasptrack.tracking.patches import (
     surface_samples,
 )
 from grasptrack.tracking.target import Grey, Recipe, Target, as_grey, hidden_levels
-from grasptrack.transfer.alignment import TIE, as_similarity, find_alignments
+from grasptrack.transfer.alignment import TIE
 from grasptrack.typing import Floats
 
 SPACING = 3.0
@@ -57,6 +57,8 @@ RING_PLACES = 7.0
 """Places along the side of the first view, at which the background is looked at."""
 ROUND_TURNS = 12
 """Turns in which an outline that has no shape of its own is tried."""
+TURN_GRID = 4096
+"""Ways along an outline by which it is laid on itself: those of a tooth among twenty fit, too."""
 SAME_TURN = 1e-3
 """rad within which an alignment is no turn."""
 EDGE_REACH = 2
@@ -379,7 +381,9 @@ def _symmetry_turns(view: View, A: Floats) -> tuple[tuple[Floats, ...], bool]:
         angles = np.arange(1, ROUND_TURNS) * (2.0 * math.pi / ROUND_TURNS)
         found = [similarity_transform(1.0, float(angle), (x, y), (x, y)) for angle in angles]
     else:
-        fits = find_alignments(view.outer, view.outer)
-        found = [as_similarity(fit, view.outer, view.outer) for fit in fits if abs(fit.angle) > SAME_TURN]
+        points, arc = view.outer.points, view.outer.arc_length
+        tie = TIE * math.sqrt(area) / math.hypot(*np.std(points, axis=0))
+        fits = kernels.align_outlines(points, arc, points, arc, TURN_GRID, tie)
+        found = [similarity_transform(1.0, fit.angle, (x, y), (x, y)) for fit in fits if abs(fit.angle) > SAME_TURN]
     back = np.linalg.inv(A)
     return tuple(np.asarray(back @ H @ A, dtype=np.float64) for H in found), is_round
