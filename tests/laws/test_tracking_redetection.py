@@ -55,6 +55,13 @@ def begun(name: str) -> Begun:
     return Begun(follower, shape, contacts)
 
 
+@pytest.mark.parametrize(("name", "turns"), [("gear", 14), ("star", 5), ("hex-nut", 6), ("bracket", 1)])
+def test_all_turns_under_which_an_outline_fits_itself_are_known(name: str, turns: int) -> None:
+    found = begun(name).follower.target.turns
+    angles = sorted(math.degrees(math.atan2(T[1, 0], T[0, 0])) % 360.0 for T in found)
+    assert angles == pytest.approx([360.0 / turns * k for k in range(1, turns)], abs=0.3)
+
+
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", ["bracket", "hook", "half-disc"])
 @pytest.mark.parametrize("degrees", [-40.0, 30.0, 100.0, 170.0, 240.0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,16 @@ TWINS, TWIN_COUNT, TWIN_APART = 23, 256, 0.015
 of the outline."""
 SHAPE = 256
 """Points of the outer contour for the whitened alignment."""
+EVEN_SPACING = 3.0
+"""px between samples of an outline that is followed, ..."""
+MAX_SAMPLES, MIN_SAMPLES = 400, 60
+"""... of which there are so many at most, and, of a small outline, at least."""
+MIN_CONTOUR_SAMPLES = 8
+"""Samples of the least contour."""
+ABOVE_NOISE = 9.0
+"""Power of a harmonic over that of noise from which on it is the outline's own: noise exceeds it once in e^9 harmonics."""
+NOISE_FROM = 0.375
+"""Orders of harmonics over the number of points from which on they are noise: the highest quarter."""
 
 
 class Sampled:
@@ -131,3 +142,59 @@ def align_parts(a: Sampled, b: Sampled) -> Floats:
         rows.append(kernels.initial_alignments(np.ascontiguousarray(part), b.outer, BENDS[:1], COUNT, APART, 4))
     found = np.concatenate(rows)
     return np.ascontiguousarray(found[np.argsort(found[:, 0], kind="stable")][:STARTS_CUT, 2:])
+
+
+class EvenSamples(NamedTuple):
+    """Samples of the outline: points and outward normals (n, 2), and px^2, variance of a contour's points across it."""
+
+    points: Floats
+    normals: Floats
+    noise: float
+
+
+def sample_evenly(contours: list[tuple[Floats, bool, Any]]) -> EvenSamples:
+    """Evenly along all contours; none where the border cuts the object."""
+    lengths = [float(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum()) for p, _, _ in contours]
+    spacing = max(EVEN_SPACING, sum(lengths) / MAX_SAMPLES)
+    spacing = min(spacing, sum(lengths) / MIN_SAMPLES)
+    points, normals, noise = [], [], 0.0
+    for (p, _, clipped), length in zip(contours, lengths, strict=True):
+        if length < MIN_CONTOUR_SAMPLES * spacing:
+            continue
+        smooth, own_noise = _without_noise(p)
+        smooth = p if clipped is not None else smooth
+        noise = max(noise, own_noise / (2.0 * len(p)))
+        closed = np.vstack([p, p[:1]])
+        even = np.vstack([smooth, smooth[:1]])
+        arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
+
+        def point_at(t: Floats, points: Floats, arc: Floats = arc) -> Floats:
+            t = t % arc[-1]
+            return np.column_stack([np.interp(t, arc, points[:, 0]), np.interp(t, arc, points[:, 1])])
+
+        t = np.linspace(0.0, arc[-1], max(MIN_CONTOUR_SAMPLES, round(length / spacing)), endpoint=False)
+        chord = point_at(t + EVEN_SPACING, even) - point_at(t - EVEN_SPACING, even)
+        chord /= np.hypot(*chord.T)[:, None] + 1e-9
+        keep = np.ones(len(t), dtype=bool)
+        if clipped is not None:
+            nearest = np.clip(np.searchsorted(arc, t), 0, len(p) - 1)
+            keep = ~clipped[nearest]
+        points.append(point_at(t, closed)[keep])
+        normals.append(np.column_stack([chord[:, 1], -chord[:, 0]])[keep])
+    if not points:
+        return EvenSamples(np.zeros((0, 2)), np.zeros((0, 2)), noise)
+    return EvenSamples(np.vstack(points), np.vstack(normals), noise)
+
+
+def _without_noise(points: Floats) -> tuple[Floats, float]:
+    """(N, 2) a closed contour's points by those of its harmonics that are more than noise, and the power of noise in each.
+
+    Of noise in its normals a disc seems to tell how far it turned.
+    """
+    n = len(points)
+    values = np.fft.fft(points[:, 0] + 1j * points[:, 1])
+    order = np.abs(np.fft.fftfreq(n, 1.0 / n))
+    noise = float(np.mean(np.abs(values[order > NOISE_FROM * n]) ** 2))
+    kept = (np.abs(values) ** 2 > ABOVE_NOISE * noise) | (order <= 1)
+    smooth = np.fft.ifft(np.where(kept, values, 0.0))
+    return np.column_stack([smooth.real, smooth.imag]), noise

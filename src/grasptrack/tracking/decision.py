@@ -4,27 +4,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from grasptrack.equality import compared_by_value
+from grasptrack.kernels import PoseFlow, seen_area
 from grasptrack.kernels.results import SurfaceEvidence
 from grasptrack.tracking.evidence import (
     apart_probability,
     departure_probability,
     missing_evidence,
+    other_surface_odds,
     outline_evidence,
     outline_open_probability,
     surface_evidence,
+    texture_evidence,
     unoccluded_evidence,
     wrong_object_probability,
 )
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.pose import (
+    PLACE_FREEDOMS,
     SAME_PLACE,
+    TRIED,
     TURNED,
     PoseEstimate,
     contact_tolerance,
@@ -34,6 +39,7 @@ from grasptrack.tracking.pose import (
     worst_variance,
 )
 from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats
 
 CODES = (
@@ -62,8 +68,6 @@ DEPTH_POWER = 1.5
 """sqrt(area) of a piece of a plane goes with its depth to minus this power."""
 LEAST_SD = 1e-3
 """px, below which no contact's standard deviation is taken."""
-PLACE_FREEDOMS = 4.0
-"""Of an object in its plane: place, turn and size."""
 
 
 @compared_by_value
@@ -120,11 +124,11 @@ class Decision:
         """The same by another risk."""
         return replace(self, risk=risk)
 
-    def with_alias(self, probability: float) -> Decision:
-        """The same where what was found may be an equal of the object with a probability."""
+    def with_alias(self, probability: float, doubt: str = "lookalike") -> Decision:
+        """The same where what was found may be an equal of the object with a probability, or one like it by that doubt."""
         more = probability > max(self.probability_off, self.alias)
         off, alias = any_of(self.probability_off, probability), any_of(self.alias, probability)
-        return replace(self, probability_off=off, alias=alias, doubt="lookalike" if more else self.doubt)
+        return replace(self, probability_off=off, alias=alias, doubt=doubt if more else self.doubt)
 
     def among_several(self, share: float) -> Decision:
         """The same where it is one of several answers between which nothing decides, with its share of the probability."""
@@ -148,6 +152,7 @@ class Expected(NamedTuple):
         steps: how long it may have gone unseen, in frames of free motion.
         size: how large it would be anywhere in the image; None where that is not known.
         taken: as `steps`, if what hid it took it along.
+        turned: log of the prior of what may have turned so, instead of place, turn and size.
     """
 
     contacts: Floats
@@ -155,6 +160,7 @@ class Expected(NamedTuple):
     steps: float
     size: ExpectedSize | None = None
     taken: float = 0.0
+    turned: Callable[[PoseEstimate], float] | None = None
 
 
 class ExpectedSize(NamedTuple):
@@ -174,6 +180,12 @@ class ExpectedSize(NamedTuple):
     slope: float
     spread: float
 
+    @classmethod
+    def of(cls, target: Target, G: Floats, slope: float, spread: float) -> ExpectedSize | None:
+        """That of an object at a pose (3, 3); None where it is not to be seen."""
+        area, ((a, b, _), (c, d, _), (e, f, _)) = abs(seen_area(G, target.outline)), G.tolist()
+        return cls(area, (c * f - d * e, b * e - a * f, a * d - b * c), slope, spread) if area > 0.0 else None
+
     def squared_deviation(self, estimate: PoseEstimate, here: tuple[float, float], there: tuple[float, float]) -> float:
         """The square of an estimate's deviation from the expected size in sd; it lies there, and is expected here, px."""
         (u, v), (x, y), (a, b, c) = here, there, self.depth
@@ -185,6 +197,8 @@ class ExpectedSize(NamedTuple):
 
 def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) -> float:
     """Log of the prior of a pose's place, turn and size: how far it is from what is expected."""
+    if expected.turned is not None and estimate.origin in (TURNED, TRIED):
+        return expected.turned(estimate)
     # number by number: of so few NumPy's calls would cost more
     (x, y), (u, v) = estimate.middle, mean_point(expected.contacts)
     across = along = 0.0
@@ -214,6 +228,28 @@ def lookalike_probability(state: TrackState, estimate: PoseEstimate, expected: E
         return unseen
     left = departure_probability(expected.steps, state.numbers) if state.lookalike else 1.0
     return max(unseen, SEEN_LIKE * left)
+
+
+def other_size_probability(state: TrackState, estimate: PoseEstimate, ground: PoseFlow) -> float:
+    """Probability that a larger or smaller part of the same shape lies on the ground, where that tells the object's size.
+
+    Of another one any size is as probable. The object has that which it had, where `ground` has it now, if it lies on it still,
+    and nearly so if it is thick and the camera comes nearer; if what hid it took it along, it may be nearer itself.
+    """
+    target, numbers = state.target, state.numbers
+    before, size = seen_area(state.located.G, target.outline), ExpectedSize.of(target, ground.G, state.slope, 1.0)
+    if size is None or not before > 0.0:
+        return 0.0
+    swollen = 0.5 * math.log(size.area / before) * math.sqrt(size.area) / state.last.levels[0].shape[1]
+    known = numbers.inflate * math.sqrt(float((estimate.P + ground.P)[np.ix_((2, 5), (2, 5))].sum())) / target.size
+    spread = math.hypot(known, numbers.pinhole_sd, numbers.thickness_sd * swollen)
+    here, nu = mean_point(target.carried_contacts(ground.G)), numbers.prior_freedom
+    share = size._replace(spread=spread).squared_deviation(estimate, here, estimate.middle) / nu
+    same: float = math.exp(math.lgamma(0.5 * nu + 0.5) - math.lgamma(0.5 * nu)) / math.sqrt(math.pi * nu) / spread
+    same *= (1.0 + share) ** (-0.5 * (nu + 1.0))
+    odds = other_surface_odds(max(0.0, texture_evidence(state, estimate)), numbers)
+    odds /= numbers.taken + (1.0 - numbers.taken) * same
+    return odds / (1.0 + odds)
 
 
 # --- the decision ---------------------------------------------------------------------------------
@@ -265,49 +301,28 @@ def decide_pose(state: TrackState, estimates: list[PoseEstimate], expected: Expe
     other = wrong_object_probability(state, chosen, expected.steps, surfaces[best])
     apart = apart_probability(state, chosen)
     false_edge = outline_open_probability(state, chosen)
-    off, presence = any_of(absent, outside, other, apart, state.alias, false_edge), own / (own + elsewhere)
-    figures = {"probability_off": off}
-    if presence <= 0.5 or absent >= max(outside, other, apart, state.alias, false_edge):
-        doubt = "not-there" if max(others[1:], default=-math.inf) <= nowhere else "other-place"
+    off, here = any_of(absent, outside, other, apart, state.alias, false_edge), own / (own + elsewhere)
+    sigma, place = math.sqrt(variance), {"presence": here, "edges": chosen.edge_share}
+    unlike = "other-shape" if chosen.other_shape > 0.0 else "other-surface"
+    worst, doubt, told = max(
+        (false_edge, "outline-open", {"probability": false_edge}),
+        (state.alias, "lookalike", place),
+        (apart, "apart", {"probability": apart}),
+        (outside, "uncertain", {"sigma": sigma, "tolerance": allowed}),
+        (other, unlike, {"probability": other}),
+        key=lambda each: each[0],
+    )
+    if here <= 0.5 or absent >= worst:
+        doubt, told = "not-there" if max(others[1:], default=-math.inf) <= nowhere else "other-place", place
         if doubt == "not-there" and lookalike_probability(state, chosen, expected) > numbers.lookalike:
             doubt = "lookalike"
-        figures |= {"presence": presence, "edges": chosen.edge_share}
-    elif false_edge >= max(outside, other, apart, state.alias):
-        doubt = "outline-open"
-        figures |= {"probability": false_edge}
-    elif state.alias >= max(outside, other, apart):
-        doubt = "lookalike"
-        figures |= {"presence": presence, "edges": chosen.edge_share}
-    elif apart >= max(outside, other):
-        doubt = "apart"
-        figures |= {"probability": apart}
-    elif outside >= other:
-        doubt = "uncertain"
-        figures |= {"sigma": math.sqrt(variance), "tolerance": allowed}
-    else:
-        doubt = "other-shape" if chosen.other_shape > 0.0 else "other-surface"
-        figures |= {"probability": other}
     rival, share = None, 0.0
     if rivals:
         rival = estimates[max(rivals, key=scores.__getitem__)]
         there = [k for k in rivals if max_contact_distance(estimates[k].contacts, rival.contacts) <= allowed]
         share = sum(math.exp(scores[k] - top) for k in there) / (own + elsewhere)
-    sigma = math.sqrt(variance)
-    return Decision(
-        chosen,
-        off,
-        presence,
-        sigma,
-        allowed,
-        other,
-        seen[best],
-        doubt,
-        figures,
-        rival,
-        share,
-        numbers.risk,
-        state.alias,
-    )
+    known = (chosen, off, here, sigma, allowed, other, seen[best], doubt, {"probability_off": off} | told)
+    return Decision(*known, rival, share, numbers.risk, state.alias)
 
 
 def _level_turns(

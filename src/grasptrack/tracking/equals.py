@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 
 import numpy as np
 
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.tracking.pose import PoseEstimate, worst_variance
+from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.pose import PLACE_FREEDOMS, PoseEstimate, worst_variance
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats
@@ -30,9 +32,8 @@ Shows = Callable[[Floats], bool]
 def alias_probability(state: TrackState, estimate: PoseEstimate, even: Floats | None, shows: Shows) -> float:
     """Probability that this is an equal of the object which came to its place, all of them having moved together.
 
-    Most steps go on evenly, as far as the object does so of late; now and then, and at first, a way is as probable as one over
-    its square: of hands and belts, and of how often an image is taken, not even the order of magnitude is known. A row that
-    ends in view shows by how much it went.
+    Before its motion is known a way is as probable as one over its square: of hands and belts, and of how often an image is
+    taken, not even the order of magnitude is known. A row that ends in view shows by how much it went.
 
     Args:
         state: of the object, before it has learned from the image.
@@ -51,10 +52,9 @@ def alias_probability(state: TrackState, estimate: PoseEstimate, even: Floats | 
     ways = (np.hypot(*(np.array(estimate.middle) - before).T) ** 2).clip(
         worst_variance(estimate.covariance)
     ) / estimate.area
-    density = (1.0 if even is None else numbers.hazard) / ways
+    density = 1.0 / ways
     if even is not None:
-        spread, nu = (numbers.drift * max(1.0, state.steps)) ** 2 * state.agility, numbers.prior_freedom
-        density += (1.0 + ways / (nu * spread)) ** (-0.5 * (nu + 2.0)) / spread
+        density = way_density(ways, state.agility * state.drifted, numbers)
     if density[1:].sum() < NOTICED * numbers.risk * density[0]:
         return float(density[1:].sum() / density.sum())
     # what is still seen where it was went nowhere: nearer than an edge is looked for that cannot be told
@@ -74,6 +74,35 @@ def alias_probability(state: TrackState, estimate: PoseEstimate, even: Floats | 
             odds[k] += math.log((SHOWN_RIGHT if there == shown else 1.0 - SHOWN_RIGHT) if told else 0.5)
     share = np.exp(odds - odds.max())
     return float(share[1:].sum() / share.sum())
+
+
+def way_density(ways: Floats, spread: float, numbers: Numbers, freedoms: float = 2.0) -> Floats:
+    """(n,) of squared ways (n,) of a mean a freedom; now and then a way is as probable as one over its square."""
+    nu = numbers.prior_freedom
+    found = (1.0 + ways / (nu * spread)) ** (-0.5 * (nu + freedoms)) / spread + numbers.hazard / ways
+    return np.asarray(found, dtype=np.float64)
+
+
+def log_density(
+    state: TrackState, G: Floats, estimate: PoseEstimate, even: Floats | None, background: Floats | None
+) -> float:
+    """Log of the density of a pose G (3, 3) that is known as an estimate is, up to a constant, by what moves the object.
+
+    It drifts, goes on evenly, or rests on the ground as it did of late. How far drift and even motion are off grows with the
+    time in which no image was seen; `even` as for `alias_probability`, `background`: where the ground has it, or None.
+    """
+    target, numbers, density = state.target, state.numbers, sys.float_info.min
+    motions, least = [(state.last.G, state.drifted)], worst_variance(estimate.covariance) / estimate.area
+    if even is not None:
+        motions.append((even, state.agility * state.drifted))
+    if background is not None:
+        motions.append((background, (numbers.travel * state.wander) ** 2))
+    for start, spread in motions:
+        off = target.pose_difference(start, G)[:6]  # that an image tilts it by noise says nothing of its way
+        way = float(off**2 @ target.precision_of_motion[:6]) * numbers.drift**2
+        if math.isfinite(way):
+            density += float(way_density(np.array(max(way, least)), spread, numbers, PLACE_FREEDOMS))
+    return math.log(density)
 
 
 def complete_row(target: Target, G: Floats, middles: list[tuple[float, float]], shows: Shows) -> Floats:

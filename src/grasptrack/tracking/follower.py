@@ -6,13 +6,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.kernels import seen_area
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import (
@@ -22,8 +22,10 @@ from grasptrack.tracking.decision import (
     ExpectedSize,
     any_of,
     check_strategy_contacts,
+    other_size_probability,
+    place_prior,
 )
-from grasptrack.tracking.equals import Shows, alias_probability, complete_row
+from grasptrack.tracking.equals import NOTICED, Shows, alias_probability, complete_row, log_density
 from grasptrack.tracking.estimator import estimate_pose, first_state
 from grasptrack.tracking.evidence import (
     SUDDEN,
@@ -34,12 +36,13 @@ from grasptrack.tracking.evidence import (
     texture_evidence,
     wrong_object_probability,
 )
-from grasptrack.tracking.hypotheses import Predictions, Solutions, predict_hypotheses
+from grasptrack.tracking.hypotheses import Predictions, Solutions, located_ground, predict_hypotheses
 from grasptrack.tracking.learning import learn, lose
 from grasptrack.tracking.mending import Mended, Mender
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.pose import (
+    TRIED,
     TURNED,
     Hypothesis,
     Look,
@@ -164,8 +167,8 @@ class Follower:
             solutions.add(self.redetection.search_image(state, levels))
             decision = solutions.decide_among()
         decision = self._against_slides(decision, solutions)
-        decision = self._against_turns(decision, solutions)
-        decision = self._against_equals(decision, levels, predictions)
+        decision = self._against_turns(decision, solutions, predictions)
+        decision = self._against_equals(self._against_other_sizes(decision, levels), levels, predictions)
         self._learn_from_image(levels, decision, predictions)
         if state.lost:
             state.sighted = best_sighted_pose(state, solutions.found, solutions.expected.steps)
@@ -195,7 +198,8 @@ class Follower:
                 continue
             contacts = found.estimate.contacts
             nearest = min(proposed, key=lambda proposal: max_contact_distance(proposal.contacts, contacts))
-            found = self._against_equals(self._against_turns(found, solutions), levels, predictions)
+            found = self._against_other_sizes(self._against_turns(found, solutions, predictions), levels)
+            found = self._against_equals(found, levels, predictions)
             answer = check_strategy_contacts(found, nearest.contacts)
             if answer.is_accepted:
                 break
@@ -252,9 +256,12 @@ class Follower:
                 break
         return decision
 
-    def _against_turns(self, decision: Decision, solutions: Solutions) -> Decision:
-        """A decision after a loss against the turns under which the outline fits itself; their estimates are added."""
-        state, target, estimates = self.state, self.target, solutions.found
+    def _against_turns(self, decision: Decision, solutions: Solutions, predictions: Predictions) -> Decision:
+        """A decision against the turns under which the outline fits itself; their estimates are added.
+
+        They are tried after a loss, and where its motion, or what is missing of its surface, makes one of them possible.
+        """
+        state, target, numbers, estimates = self.state, self.target, self.state.numbers, solutions.found
 
         def decide_turned() -> Decision:
             own = decision.estimate
@@ -263,16 +270,25 @@ class Follower:
                     estimates[k] = changed_estimate(e, origin=TURNED)
             return solutions.decide_among()
 
-        if target.turns and (state.lost or state.gone or not state.accepted):
+        own = decision.estimate
+        asked = bool(state.lost or state.gone or (target.is_round and not state.accepted))
+        if target.turns and not asked and not target.is_round and decision.is_accepted and own is not None:
+            density = partial(log_density, state, even=predictions.even, background=predictions.background)
+            prior = place_prior(own, solutions.expected, numbers) - density(own.G, own)
+            turned = max(density(own.G @ T, own) for T in target.turns) - density(own.G, own)
+            most = numbers.temper * max(0.0, solutions.missing_texture(own))  # that its surface can say for a turn
+            if asked := turned + most > math.log(NOTICED * numbers.risk / len(target.turns)):
+                solutions.expected = solutions.expected._replace(turned=lambda e: prior + density(e.G, e))
+        if target.turns and asked:
             if decision.rival is not None and not decision.is_accepted:
                 decision = decide_turned()
             if decision.estimate is not None and decision.is_accepted:
-                solutions.add([Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns])
+                solutions.add([Hypothesis(TRIED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns])
                 decision = decide_turned()
         own, rival = decision.estimate, decision.rival
         if target.is_round and not state.accepted and own is not None:  # does its surface tell of another turn?
             against = texture_evidence(state, own) < 0.0
-            if against or (solutions.falls_short(own) and own.covered > target.numbers.elsewhere):
+            if against or (solutions.falls_short(own) and own.covered > numbers.elsewhere):
                 return self._any_turn(decision, own)
         only_turned = own is not None and rival is not None and self._is_turned(own, rival)
         return replace(decision, doubt="ambiguous") if decision.doubt == "other-place" and only_turned else decision
@@ -292,6 +308,13 @@ class Follower:
         shows = self._parts_shown(levels[0], e.G)
         return decision.with_alias(alias_probability(state, e, predictions.even, shows))
 
+    def _against_other_sizes(self, decision: Decision, levels: list[Grey]) -> Decision:
+        """A decision after a loss against a larger or smaller part of the same shape: the ground tells which size is right."""
+        state, e = self.state, decision.estimate
+        if e is None or not state.lost or decision.evidence <= 0.0 or (ground := located_ground(state, levels)) is None:
+            return decision
+        return decision.with_alias(other_size_probability(state, e, ground), "other-shape")
+
     def _parts_shown(self, grey: Grey, own: Floats) -> Shows:
         """Whether an image that shows the object at a pose shows a part at another one."""
         enough, share = ALIKE_SHARE * self.redetection.edge_share(grey, own), self.redetection.edge_share
@@ -305,11 +328,11 @@ class Follower:
         return decision.among_several(share)
 
     def _is_turned(self, one: PoseEstimate, other: PoseEstimate) -> bool:
-        """Whether two estimates put the contacts at different places, but the outline at the same."""
+        """Whether two estimates put the contacts at different places, but outline and holes at the same."""
         allowed = contact_tolerance(one.area, self.state.numbers)
         if max_contact_distance(one.contacts, other.contacts) <= allowed:
             return False
-        a, b = (apply_homography(e.G, self.target.outline) for e in (one, other))
+        a, b = (apply_homography(e.G, self.target.points) for e in (one, other))
         away = np.hypot(*(a[:: max(1, len(a) // OUTLINE_POINTS), None] - b[None]).transpose(2, 0, 1)).min(axis=1)
         return bool(away.max() < allowed)
 
@@ -325,11 +348,7 @@ class Follower:
             unseen, adrift = state.unseen + passed, state.adrift + passed
         G = self._expected_pose(predictions)
         spread = math.hypot(numbers.stretch_rate, numbers.stretch_rate * unseen, numbers.swell * adrift)
-        area = abs(seen_area(G, target.outline))
-        size = None
-        if area > 0.0:
-            (a, b, _), (c, d, _), (e, f, _) = G.tolist()
-            size = ExpectedSize(area, (c * f - d * e, b * e - a * f, a * d - b * c), state.slope, spread)
+        size = ExpectedSize.of(target, G, state.slope, spread)
         presence = min(max(state.presence * (1.0 - numbers.hazard), numbers.redetected), 1.0 - numbers.hazard)
         steps, taken = ANYWHERE_STEPS if state.gone else unseen, state.lost + passed if state.lost else 0.0
         return Expected(target.carried_contacts(G), presence, steps, size, taken)
@@ -384,7 +403,9 @@ class Follower:
             decision.code in ("uncertain", "apart", "outline-open") and decision.evidence > 0.0
         )  # what is followed is found, but not every contact
         if state.lost:  # what is found anew must be the object, wherever its contacts are
-            roughly = roughly and any_of(1.0 - decision.presence, decision.exchanged) < state.numbers.risk
+            roughly = (
+                roughly and any_of(1.0 - decision.presence, decision.exchanged, decision.alias) < state.numbers.risk
+            )
         if e is not None and (decision.is_accepted or roughly):
             learn(state, levels, decision, e, predictions)
         else:

@@ -15,6 +15,7 @@ from grasptrack.tracking.evidence import expected_texture, pose_evidence, textur
 from grasptrack.tracking.pose import (
     CONTINUOUS,
     Hypothesis,
+    Look,
     PoseEstimate,
     changed_estimate,
     largest_sigma,
@@ -32,7 +33,7 @@ PLENTY_AGREE, ENOUGH_AGREE = 0.6, 0.25
 WIDER_START = 4.0
 """By which the variance of a frame's motion is taken larger where a look is laid on the next image."""
 BACKGROUND_EVERY = 4
-"""Images after which it is asked anew whether the object rests on the background, where its own texture tells its motion."""
+"""Usual intervals after which it is asked anew whether the object rests on the ground, where its texture tells its motion."""
 AGREE_DISTANCE = 20.1
 """Squared Mahalanobis distance of predictions that agree: 99 % of chi-squared with 8 degrees of freedom."""
 LEAST_OF_USUAL = 0.5
@@ -81,7 +82,7 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     if state.velocity is not None and not state.lost:
         even = np.asarray(target.handle.moved(state.last.G, state.velocity * state.steps), dtype=np.float64)
         rest.insert(0, Hypothesis("moving on", even, free))
-    flow = None if state.lost else _align_last_look(state, levels, rest, Q, target.clear_corners(state.visible))
+    flow = None if state.lost else _align_look(state, state.last, levels, rest, Q, target.clear_corners(state.visible))
     first = []
     if flow is not None:
         P = state.P + flow.P + Q * numbers.predicted**2 + np.diag(state.surface_lag)
@@ -93,9 +94,9 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
             # what moves over the object may have carried its texture along
             first = [hypothesis, calm] if joined is None else [joined]
     settled = flow is not None and _fixes_contacts(state, flow)
-    if settled and state.accepted % BACKGROUND_EVERY:
+    if settled and state.accepted % BACKGROUND_EVERY and state.delay < BACKGROUND_EVERY:
         return Predictions(first, rest, None, even)
-    background = _align_last_look(state, levels, rest, Q, target.clear_ring(state.visible))
+    background = _align_look(state, state.last, levels, rest, Q, target.clear_ring(state.visible))
     if background is None:
         return Predictions(first or rest, rest if first else [], None, even)
     # what rested on the background rests on it still
@@ -121,17 +122,22 @@ def _fuse_predictions(state: TrackState, flow: Hypothesis, even: Hypothesis) -> 
     return Hypothesis(flow.origin, G, P) if distance <= AGREE_DISTANCE else None
 
 
-def _align_last_look(
-    state: TrackState, levels: list[Grey], starts: list[Hypothesis], Q: Floats, places: Floats
+def located_ground(state: TrackState, levels: list[Grey]) -> PoseFlow | None:
+    """Where the ground has what was located last, whatever lies there since; None where it is not seen in both images."""
+    Q = state.target.noise_of_motion * max(1.0, state.steps)
+    starts = [Hypothesis("background", G, Q) for G in (state.expected, state.located.G)]
+    return _align_look(state, state.located, levels, starts, Q, state.target.ring)
+
+
+def _align_look(
+    state: TrackState, look: Look, levels: list[Grey], starts: list[Hypothesis], Q: Floats, places: Floats
 ) -> PoseFlow | None:
-    """The last look at some places (n, 2), work px, laid on this image; None where too few of them agree."""
+    """A look at some places (n, 2), work px, laid on this image; None where too few of them agree."""
     if len(places) < MIN_PLACES:
         return None
     best, wide, target = None, Q * WIDER_START, state.target
     for start in starts:
-        found = target.handle.follow(
-            state.last.levels, state.last.G, levels, start.G, wide, places, target.corner_strides
-        )
+        found = target.handle.follow(look.levels, look.G, levels, start.G, wide, places, target.corner_strides)
         if not found.valid or found.agreeing * len(places) < MIN_PLACES:
             continue
         if best is None or found.agreeing > best.agreeing:

@@ -114,15 +114,15 @@ def lose(
         state.visible = e.visible
         return
     state.visible = nothing_visible()
-    # what shows its outline in its place has not left it, whatever else is wrong
+    # what shows its outline in its place has not left it, whatever else is wrong, but may have turned if that fits itself
     at_place = False
-    if e is not None and decision.presence > FOLLOWED_PRESENCE:
+    if e is not None and decision.presence > FOLLOWED_PRESENCE and not state.target.turns:
         at_place = is_at(e, mean_point(state.target.carried_contacts(state.expected)))
     state.anchored = state.anchored and background is not None
     if background is not None and state.anchored:
         state.expected = background
         state.last = Look(levels, background)
-        state.unseen += 0.0 if at_place else state.wander
+        state.unseen += 0.0 if at_place else state.wander * state.delay
         state.adrift = 0.0
     else:
         passed = 0.0 if at_place else max(1.0, state.steps)
@@ -149,6 +149,8 @@ def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predic
         share = away / math.sqrt(estimate.area) / state.numbers.travel
         state.wanders += 1
         state.wander = _clamp(_updated_mean(state.wander, share, state.wanders), LEAST_WANDER, 1.0)
+    usual, passed = math.log(state.usual_s or state.passed_s), math.log(state.passed_s)
+    state.usual_s = math.exp(_updated_mean(usual, passed, state.accepted + 1))
     velocity = target.pose_difference(state.last.G, estimate.G) / max(state.steps, SHORTEST_STEP)
     state.velocity_P = state.P + estimate.P
     state.velocity = velocity if not state.lost and math.isfinite(float(velocity @ velocity)) else None

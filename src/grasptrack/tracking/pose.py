@@ -18,10 +18,12 @@ from grasptrack.typing import Floats
 
 CONTINUOUS = ("texture", "background", "at rest", "moving on")
 """Origins of hypotheses that continue what was."""
-TURNED = "turned"
-"""Origin of a hypothesis that lays the outline on itself in another way."""
+TURNED, TRIED = "turned", "tried turn"
+"""Origins of a hypothesis that lays the outline on itself in another way, and of one that holes may tell from it."""
 SMALLEST_AREA, LARGEST_AREA = 0.02, 30.0
 """Areas relative to the first view's between which an object is looked for: seven times as far, five times as near."""
+PLACE_FREEDOMS = 4.0
+"""Of an object in its plane: place, turn and size."""
 SAME_PLACE = 0.5
 """Share of sqrt(area) within which two poses lie in one place."""
 

@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import View
-from grasptrack.geometry.homographies import similarity_transform
 from grasptrack.kernels import (
     FINE_LEVELS,
     FIRST_CELLS,
@@ -22,6 +21,7 @@ from grasptrack.kernels import (
     PATCH_SIDE,
     REGION_CELLS,
 )
+from grasptrack.matching.samples import EVEN_SPACING, sample_evenly
 from grasptrack.statistics import MAD_TO_SD
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.patches import (
@@ -32,15 +32,9 @@ from grasptrack.tracking.patches import (
     surface_samples,
 )
 from grasptrack.tracking.target import Grey, Recipe, Target, as_grey, hidden_levels
-from grasptrack.transfer.alignment import TIE, as_similarity, find_alignments
+from grasptrack.transfer.alignment import turns_onto_itself
 from grasptrack.typing import Floats
 
-SPACING = 3.0
-"""Work px between samples of the outline, ..."""
-MAX_SAMPLES, MIN_SAMPLES = 400, 60
-"""... of which there are so many at most, and, of a small outline, at least."""
-MIN_CONTOUR_SAMPLES = 8
-"""Samples of the least contour."""
 MAX_PATCHES, MIN_PATCHES = 120, 30
 """Patches of texture at most on the finest level, half as many on each coarser one, but never fewer than these."""
 PATCHES_ACROSS = 16.0
@@ -55,18 +49,10 @@ RING_BEYOND = 0.5
 """Image sizes beyond the border of the first image up to which the ground is looked for."""
 RING_PLACES = 7.0
 """Places along the side of the first view, at which the background is looked at."""
-ROUND_TURNS = 12
-"""Turns in which an outline that has no shape of its own is tried."""
-SAME_TURN = 1e-3
-"""rad within which an alignment is no turn."""
 EDGE_REACH = 2
 """Work px beyond half a filter's width within which the first view's edges are looked for."""
 NORMALS_TWICE = 2.0
 """Standard deviations by which noise is allowed to turn normals: it is measured by a factor of that."""
-ABOVE_NOISE = 9.0
-"""Power of a harmonic over that of noise from which on it is the outline's own: noise exceeds it once in e^9 harmonics."""
-NOISE_FROM = 0.375
-"""Orders of harmonics over the number of points from which on they are noise: the highest quarter."""
 FIRST_CELL, REGION, CELL_POWER = 2.0, 0.45, 1.6
 """Cells beside the outline, from so many work px up to this share of sqrt(area), ever wider by this power: a notch or tab ends
 within it."""
@@ -119,7 +105,7 @@ def make_target(
     image = rectify_image(levels, A, (width, height))
     noise = camera_noise(image) if like is None else like.noise
     work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
-    samples = _sample_outline(work)
+    samples = sample_evenly(work)
     edges = _detect_edges(levels, A, samples.points, samples.normals, noise)
     points, normals = edges.points, edges.normals
     outline = work[0][0]
@@ -161,7 +147,8 @@ def make_target(
         recipe.textures.append(texture)
         counts.append(target.add_texture(*texture))
         reduced, stride, count = as_grey(cv2.pyrDown(reduced)), 2 * stride, max(MIN_PATCHES, count // 2)
-    turns, is_round = _symmetry_turns(view, A)
+    turns, is_round = turns_onto_itself(view)
+    back = np.linalg.inv(A)
     # the outline of a disc turns on itself: beside it only the ground would tell, which need not turn with it
     around = np.ones((2 * PATCH_SIDE + 1, 2 * PATCH_SIDE + 1) if is_round else (9, 9), np.uint8)
     followed = as_grey(cv2.erode(mask, around, borderValue=0) if is_round else cv2.dilate(mask, around))
@@ -185,7 +172,7 @@ def make_target(
         corners,
         np.array(strides),
         _background_ring_points(mask),
-        turns,
+        tuple(np.asarray(back @ H @ A, dtype=np.float64) for H in turns),
         is_round,
         self_similar_shifts(image, surface_mask, noise, size, numbers),
         tuple(counts[:FINE_LEVELS]),
@@ -250,68 +237,12 @@ def _edges_by(levels: list[Grey], A: Floats, points: Floats, normals: Floats, no
     return _Edges(points, normals, contrast, inner, share, typical, half, _filter_half_width(width, half))
 
 
-class _Samples(NamedTuple):
-    """Samples of the outline: points and outward normals (n, 2), and work px^2, variance of a contour's points across it."""
-
-    points: Floats
-    normals: Floats
-    noise: float
-
-
 def _normal_noise(noise: float, numbers: Numbers) -> float:
-    """rad, by which noise may turn normals that come from points SPACING to either side, each off by this variance.
+    """rad, by which noise may turn normals that come from points EVEN_SPACING to either side, each off by this variance.
 
     No edge is known better than `Numbers.edge_noise`: pixels err alike along it.
     """
-    return NORMALS_TWICE * math.sqrt(2.0 * (noise + numbers.edge_noise**2)) / (2.0 * SPACING)
-
-
-def _sample_outline(contours: list[tuple[Floats, bool, Any]]) -> _Samples:
-    """Evenly along all contours; none where the border cuts the object."""
-    lengths = [float(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum()) for p, _, _ in contours]
-    spacing = max(SPACING, sum(lengths) / MAX_SAMPLES)
-    spacing = min(spacing, sum(lengths) / MIN_SAMPLES)
-    points, normals, noise = [], [], 0.0
-    for (p, _, clipped), length in zip(contours, lengths, strict=True):
-        if length < MIN_CONTOUR_SAMPLES * spacing:
-            continue
-        smooth, own_noise = _without_noise(p)
-        smooth = p if clipped is not None else smooth
-        noise = max(noise, own_noise / (2.0 * len(p)))
-        closed = np.vstack([p, p[:1]])
-        even = np.vstack([smooth, smooth[:1]])
-        arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
-
-        def point_at(t: Floats, points: Floats, arc: Floats = arc) -> Floats:
-            t = t % arc[-1]
-            return np.column_stack([np.interp(t, arc, points[:, 0]), np.interp(t, arc, points[:, 1])])
-
-        t = np.linspace(0.0, arc[-1], max(MIN_CONTOUR_SAMPLES, round(length / spacing)), endpoint=False)
-        chord = point_at(t + SPACING, even) - point_at(t - SPACING, even)
-        chord /= np.hypot(*chord.T)[:, None] + 1e-9
-        keep = np.ones(len(t), dtype=bool)
-        if clipped is not None:
-            nearest = np.clip(np.searchsorted(arc, t), 0, len(p) - 1)
-            keep = ~clipped[nearest]
-        points.append(point_at(t, closed)[keep])
-        normals.append(np.column_stack([chord[:, 1], -chord[:, 0]])[keep])
-    if not points:
-        return _Samples(np.zeros((0, 2)), np.zeros((0, 2)), noise)
-    return _Samples(np.vstack(points), np.vstack(normals), noise)
-
-
-def _without_noise(points: Floats) -> tuple[Floats, float]:
-    """(N, 2) a closed contour's points by those of its harmonics that are more than noise, and the power of noise in each.
-
-    Of noise in its normals a disc seems to tell how far it turned.
-    """
-    n = len(points)
-    values = np.fft.fft(points[:, 0] + 1j * points[:, 1])
-    order = np.abs(np.fft.fftfreq(n, 1.0 / n))
-    noise = float(np.mean(np.abs(values[order > NOISE_FROM * n]) ** 2))
-    kept = (np.abs(values) ** 2 > ABOVE_NOISE * noise) | (order <= 1)
-    smooth = np.fft.ifft(np.where(kept, values, 0.0))
-    return np.column_stack([smooth.real, smooth.imag]), noise
+    return NORMALS_TWICE * math.sqrt(2.0 * (noise + numbers.edge_noise**2)) / (2.0 * EVEN_SPACING)
 
 
 def _region_cells(
@@ -365,21 +296,3 @@ def _background_ring_points(mask: Grey) -> Floats:
     kept = places[~(inside & (grown[i[:, 1], i[:, 0]] > 0))]
     # the first of them, which is what coarse levels look at, lie all round
     return np.ascontiguousarray(np.random.default_rng(0).permutation(kept))
-
-
-def _symmetry_turns(view: View, A: Floats) -> tuple[tuple[Floats, ...], bool]:
-    """(3, 3) each, work px -> work px: turns of the outline onto itself; of a disc some, and whether it is one."""
-    if view.is_clipped:
-        return (), False
-    area, x, y, *_ = kernels.polygon_moments(view.outer.points, view.outer.offsets)
-    radii = np.hypot(*(view.outer.points - (x, y)).T)
-    # turned anyhow it differs from itself by less than what alignments that fit alike do
-    is_round = float(np.std(radii)) * math.sqrt(2.0) < TIE * math.sqrt(area)
-    if is_round:
-        angles = np.arange(1, ROUND_TURNS) * (2.0 * math.pi / ROUND_TURNS)
-        found = [similarity_transform(1.0, float(angle), (x, y), (x, y)) for angle in angles]
-    else:
-        fits = find_alignments(view.outer, view.outer)
-        found = [as_similarity(fit, view.outer, view.outer) for fit in fits if abs(fit.angle) > SAME_TURN]
-    back = np.linalg.inv(A)
-    return tuple(np.asarray(back @ H @ A, dtype=np.float64) for H in found), is_round

@@ -243,7 +243,7 @@ class TrackState:
         shown: (N,) 0 to 1: how much of each sample of the outline accepted images showed on average, once the object had moved.
         shown_in: so many of them.
         steps: time from the last image but one to the last, or to the one that is looked at, in usual intervals.
-        passed_s: the same in s.
+        passed_s, usual_s: the same in s, and what was usual of late; None before the object moved.
         inner_spread: grey levels, see `Numbers.other_spread`.
         blur: work px, half of what blurred most edges of late.
         light: gain and bias of the surface there, from the first view on.
@@ -293,6 +293,7 @@ class TrackState:
     presence: float = 1.0 - 1e-6
     steps: float = 1.0
     passed_s: float = FRAME_S
+    usual_s: float | None = None
     inner_spread: float = FIRST_SPREAD
     blur: float = 0.0
     light: tuple[float, float] = (1.0, 0.0)
@@ -322,6 +323,17 @@ class TrackState:
     def numbers(self) -> Numbers:
         """The core's."""
         return self.target.numbers
+
+    @property
+    def delay(self) -> float:
+        """How much longer than usual nothing was seen, 1 at least: jitter of the time stamps is no delay."""
+        return 1.0 if self.usual_s is None else max(1.0, self.passed_s / self.usual_s)
+
+    @property
+    def drifted(self) -> float:
+        """Variance by which motion that changes as `Numbers.drift` is off since the last image, as a share of the area."""
+        n = self.delay
+        return self.numbers.drift**2 * n * (n + 1) * (2 * n + 1) / 6
 
     @property
     def surface_lag(self) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.errors import AmbiguousError
-from grasptrack.geometry.contours import Contour, Outline
+from grasptrack.geometry.contours import Contour, Outline, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.matching import judge_hypotheses, refine_homographies
 from grasptrack.typing import Floats
@@ -22,6 +22,12 @@ GRID = 64
 """Points at which the outlines are compared."""
 TIE = 0.02
 """Alignments whose rms distances differ by less than this fraction of sqrt(area) fit alike."""
+ROUND_TURNS = 12
+"""Turns in which an outline that has no shape of its own is tried."""
+TURN_GRID = 4096
+"""Ways along an outline by which it is laid on itself: those of a tooth among twenty fit, too."""
+SAME_TURN = 1e-3
+"""rad within which an alignment is no turn."""
 
 
 class Alignment(NamedTuple):
@@ -49,6 +55,25 @@ def alignments_of_points(points1: Floats, arc1: Floats, points2: Floats, arc2: F
     radius = arc2.item(-1) / (2.0 * math.pi)
     found = kernels.align_outlines(points1, arc1, points2, arc2, GRID, TIE * math.sqrt(area2) / radius)
     return [Alignment(shift, angle, radius * left) for shift, angle, left in found]
+
+
+def turns_onto_itself(view: View) -> tuple[list[Floats], bool]:
+    """(3, 3) px -> px each, turns of an outline onto itself; of a disc some, and whether it is one."""
+    if view.is_clipped:
+        return [], False
+    area, x, y, *_ = kernels.polygon_moments(view.outer.points, view.outer.offsets)
+    radii = np.hypot(*(view.outer.points - (x, y)).T)
+    # turned anyhow it differs from itself by less than what alignments that fit alike do
+    is_round = float(np.std(radii)) * math.sqrt(2.0) < TIE * math.sqrt(area)
+    if is_round:
+        angles = np.arange(1, ROUND_TURNS) * (2.0 * math.pi / ROUND_TURNS)
+        found = [similarity_transform(1.0, float(angle), (x, y), (x, y)) for angle in angles]
+    else:
+        points, arc = view.outer.points, view.outer.arc_length
+        tie = TIE * math.sqrt(area) / math.hypot(*np.std(points, axis=0))
+        fits = kernels.align_outlines(points, arc, points, arc, TURN_GRID, tie)
+        found = [similarity_transform(1.0, fit.angle, (x, y), (x, y)) for fit in fits if abs(fit.angle) > SAME_TURN]
+    return found, is_round
 
 
 def choose_alignment(found: list[Alignment], first: Outline, second: Outline) -> Alignment:
