@@ -94,7 +94,11 @@ class Solver {
                 view_ = measure_edges(target_, pyramid_, G, places_, reach, half, out.light, 46);
                 if (is_other_light(target_, out.light, start_.light)) {  // or most is covered: by the outline's inner side
                     EdgeView before = measure_edges(target_, pyramid_, G, places_, reach, half, start_.light, 46);
-                    if (explain_edges(before, G, P, nuisance[0], spread[0]) > explain_edges(view_, G, P, nuisance[0], spread[0])) {
+                    const auto likely = [&](const EdgeView &view) {
+                        weigh_edges(view);
+                        return explain_edges(view, std::vector<double>(half.size(), 0.0), lower_face(G), P, nuisance[0], spread[0]);
+                    };
+                    if (likely(before) > likely(view_)) {
                         view_ = std::move(before);
                         out.light = start_.light;
                     }
@@ -293,19 +297,25 @@ class Solver {
         return {numbers_.edge_missed, numbers_.same_sign, numbers_.edge_floor, start_.inner_spread, numbers_.other_spread, start_.sides};
     }
 
-    // Log-likelihood ratio of edges about a pose, P of its error, against clutter; h, vh: of the thickness.
-    double explain_edges(const EdgeView &view, const Homography &G, const Matrix<8> &P, double h, double vh) {
-        const std::vector<double> parallax = lower_face(G);
-        const std::size_t n = parallax.size();
-        std::vector<double> none(n, 0.0), low(n), variance(n);
+    // What the edges of a view say wherever the outline is expected; that it lies elsewhere is as likely everywhere.
+    void weigh_edges(const EdgeView &view) {
+        edge_odds(target_, view, edge_numbers(), odds_);
+        explained_.resize(odds_.other.size());
+        for (std::size_t i = 0; i < explained_.size(); ++i) explained_[i] = {1.0, 1.0, std::pow(odds_.other[i], power_)};
+    }
+
+    // Whose edges those of a view are that was weighed, where `shift` expects them. P: of the pose's error; h, vh: of the thickness.
+    // Log-likelihood ratio against clutter.
+    double explain_edges(const EdgeView &view, const std::vector<double> &shift, const std::vector<double> &parallax, const Matrix<8> &P,
+                         double h, double vh) {
+        const std::size_t n = shift.size();
+        std::vector<double> low(n), variance(n);
         for (std::size_t i = 0; i < n; ++i) {
             low[i] = parallax[i] * h;
             variance[i] = parallax[i] * parallax[i] * vh;
         }
-        edge_odds(target_, view, edge_numbers(), odds_);
-        edge_likelihoods(target_, view, odds_, none, low, variance, P, edge_numbers(), likelihoods_);
-        explained_.resize(n);
-        for (std::size_t i = 0; i < n; ++i) explained_[i] = {std::pow(likelihoods_.object[i], power_), 1.0, std::pow(odds_.other[i], power_)};
+        edge_likelihoods(target_, view, odds_, shift, low, variance, P, edge_numbers(), likelihoods_);
+        for (std::size_t i = 0; i < n; ++i) explained_[i][0] = std::pow(likelihoods_.object[i], power_);
         explain(explained_, shares(), stay(), true, 1.0, chain_);
         return chain_.log_likelihood;
     }
@@ -322,11 +332,8 @@ class Solver {
         Vector<9> b, toward{};
         Packed<8> along{};
         reduce<9>(system.A, system.b, A, b);
-        std::vector<double> shift(n), low(n), low_variance(n), seen_up(n), seen_low(n), sorted;
-        edge_odds(target_, view_, edge_numbers(), odds_);
-        // of an outline there is one explanation a round; that it lies elsewhere is as likely in all of them
-        explained_.resize(n);
-        for (std::size_t i = 0; i < n; ++i) explained_[i] = {1.0, 1.0, std::pow(odds_.other[i], power_)};
+        std::vector<double> shift(n), seen_up(n), seen_low(n), sorted;
+        weigh_edges(view_);
         Vector<8> last = d;
         for (int round = 0; round < rounds; ++round) {
             Vector<8> change;
@@ -336,19 +343,15 @@ class Solver {
             for (std::size_t i = 0; i < n; ++i) {
                 shift[i] = 0;
                 for (std::size_t k = 0; k < 8; ++k) shift[i] += target_.rows[i][k] * d[k];
-                low[i] = parallax[i] * h;
-                low_variance[i] = parallax[i] * parallax[i] * vh;
             }
-            edge_likelihoods(target_, view_, odds_, shift, low, low_variance, P, edge_numbers(), likelihoods_);
-            for (std::size_t i = 0; i < n; ++i) explained_[i][0] = std::pow(likelihoods_.object[i], power_);
-            explain(explained_, shares(), stay(), true, 1.0, chain_);
+            explain_edges(view_, shift, parallax, P, h, vh);
             sorted.clear();
             for (std::size_t i = 0; i < n; ++i) {
                 const double own = chain_.posterior[i][0];
                 seen_up[i] = likelihoods_.upper[i] * own;
                 seen_low[i] = likelihoods_.lower[i] * own;
                 const double up = likelihoods_.upper_offset[i] - shift[i];
-                const double down = likelihoods_.lower_offset[i] - shift[i] - low[i];
+                const double down = likelihoods_.lower_offset[i] - shift[i] - parallax[i] * h;
                 if (seen_up[i] + seen_low[i] > 0.5) sorted.push_back(std::abs(seen_up[i] > seen_low[i] ? up : down));
             }
             double variance = 4.0;
@@ -362,7 +365,7 @@ class Solver {
             toward = {};
             for (std::size_t i = 0; i < n; ++i) {
                 const double up = likelihoods_.upper_offset[i] - shift[i];
-                const double down = likelihoods_.lower_offset[i] - shift[i] - low[i];
+                const double down = likelihoods_.lower_offset[i] - shift[i] - parallax[i] * h;
                 const double wu = seen_up[i] / variance * power_ / (1 + up * up / (9 * variance));
                 const double wl = seen_low[i] / variance * power_ / (1 + down * down / (9 * variance));
                 weight_[i] = wu + wl;

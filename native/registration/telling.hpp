@@ -86,7 +86,8 @@ inline void Solver::judge(Solution &out, bool edges, double h, double vh) {
         const int reach = whole(numbers_.wide * 2 * target_.radius, 0, farthest);
         view_ = measure_edges(target_, pyramid_, out.G, places_, reach, half_widths(out.G), out.light, 46, true);
         const std::vector<double> parallax = lower_face(out.G);
-        const double likely = explain_edges(view_, out.G, out.P, h, vh);
+        weigh_edges(view_);
+        const double likely = explain_edges(view_, std::vector<double>(n, 0.0), parallax, out.P, h, vh);
         const EdgeLikelihoods &found = likelihoods_;
         const Chain &here = chain_;
         for (States &state : explained_) state[0] = 1.0;
