@@ -66,10 +66,11 @@ def photo(
     light: float | Colour = 1.0,
     colour: bool = False,
     seed: int = 0,
+    table: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(HEIGHT, WIDTH) or (HEIGHT, WIDTH, 3) image of parts on a table, with bars (polygon, level or BGR) in front."""
+    """(HEIGHT, WIDTH) or (HEIGHT, WIDTH, 3) image of parts on a table at a pose, with bars (polygon, level or BGR) in front."""
     view = Renderer(SHAPES["disc"](), ground, surface, width=WIDTH, height=HEIGHT, blur=0.7, colour=colour)
-    image = view.render_background(pose(scale=60.0))
+    image = view.render_background(pose(scale=60.0) if table is None else table)
     for shape, H in parts:
         view.draw_part(image, H, shape=shape)
     for polygon, level in bars:
