@@ -115,8 +115,8 @@ def test_a_symmetric_object_that_was_away_may_have_been_turned(shape: Shape, tur
     for k in range(7, 10):
         H = pose(degrees=turn + 5.0)
         run.see(photo([(shape, H)], seed=k, surface=surface), H)
-    run.check(None if surface is METAL else 4)
-    # what is brushed shows which way round it lies
+    # what is brushed shows which way round it lies, if not at once
+    run.check(6 if surface is METAL else 4)
     assert run.results[-1].located if surface is METAL else "ambiguous" in run.results[-1].reason
 
 
