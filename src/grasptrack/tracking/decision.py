@@ -321,8 +321,10 @@ def decide_pose(state: TrackState, estimates: list[PoseEstimate], expected: Expe
         rival = estimates[max(rivals, key=scores.__getitem__)]
         there = [k for k in rivals if max_contact_distance(estimates[k].contacts, rival.contacts) <= allowed]
         share = sum(math.exp(scores[k] - top) for k in there) / (own + elsewhere)
-    known = (chosen, off, here, sigma, allowed, other, seen[best], doubt, {"probability_off": off} | told)
-    return Decision(*known, rival, share, numbers.risk, state.alias)
+    figures = {"probability_off": off} | told
+    return Decision(
+        chosen, off, here, sigma, allowed, other, seen[best], doubt, figures, rival, share, numbers.risk, state.alias
+    )
 
 
 def _level_turns(
