@@ -59,6 +59,14 @@ SLIDES = pytest.mark.xfail(
 )
 
 
+@pytest.mark.parametrize(("kind", "told"), [("thick", True), ("clean-6dof", False)])
+def test_an_object_that_shows_its_sides_is_told_not_to_be_flat(kind: str, told: bool) -> None:
+    frames = list(make_scene_cases(built_in(["bracket"]), [kind], frames=30, seed=3)[0].scene())
+    tracker = GraspTracker(grasp=chosen_grasp(frames[0].outline))
+    results = [tracker.update(frame.image) for frame in frames]
+    assert ("not-flat" in [result.notice for result in results]) == told
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("shape", "seed"), [("half-disc", 91), ("egg", 201)])
 def test_a_plain_part_does_not_slide_on_itself(shape: str, seed: int) -> None:
