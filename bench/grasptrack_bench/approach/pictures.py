@@ -12,7 +12,7 @@ import numpy as np
 
 from grasptrack.typing import Floats, Pixels
 from grasptrack.view import style
-from grasptrack.view.draw import as_bgr, draw_disc, draw_overlay, draw_polyline
+from grasptrack.view.draw import Canvas, as_bgr, draw_overlay
 from grasptrack.view.style import Colour, create_figure, ellipsise_text, put_text, rgb_to_bgr, save_whole, text_width
 from grasptrack_bench.physics import World
 
@@ -81,8 +81,7 @@ def hold_result(picture: Pixels, row: Row) -> Pixels:
 
 def _draw_goal(picture: Pixels, goal: Floats) -> None:
     for point in goal[np.isfinite(goal).all(axis=1)]:
-        draw_disc(picture, point, 11.0, style.DARK_RGB, 4.0)
-        draw_disc(picture, point, 11.0, _GOAL, 2.0)
+        Canvas(picture).draw_ring(point, 11.0, _GOAL, 2.0, casing=4.0)
 
 
 def _draw_title(picture: Pixels, text: str) -> None:
@@ -160,8 +159,7 @@ def _draw_legend(width: int) -> Pixels:
     """What the marks of the hand's view mean."""
     line = _panel(_LINE, width)
     line[0] = rgb_to_bgr(style.RULE_RGB)
-    middle, at = 15.0, 10
-    outline = np.array([[0.0, middle], [22.0, middle]])
+    canvas, at = Canvas(line), 10
     for mark, text in (
         ("outline", "outline as followed"),
         ("last", "where it was seen last"),
@@ -169,22 +167,16 @@ def _draw_legend(width: int) -> Pixels:
         ("hidden", "hidden contact"),
         ("goal", "goal of the contacts: between the fingers"),
     ):
-        shift = np.array([at, 0.0])
-        centre = np.array([at + 11.0, middle])
+        centre = np.array([at + 11.0, 15.0])
         if mark == "outline":
-            draw_polyline(line, outline + shift, style.WHITE_RGB, 2.0)
+            canvas.draw_lines([np.array([[-11.0, 0.0], [11.0, 0.0]]) + centre], style.WHITE_RGB, 2.0, casing=0.0)
         elif mark == "last":
-            for start in (0.0, 14.0):
-                draw_polyline(
-                    line, np.array([[start, middle], [start + 8.0, middle]]) + shift, style.STATUS_RGB["lost"], 2.0
-                )
+            dashes = [np.array([[start, 0.0], [start + 8.0, 0.0]]) + centre for start in (-11.0, 3.0)]
+            canvas.draw_lines(dashes, style.STATUS_RGB["lost"], 2.0, casing=0.0)
         elif mark == "goal":
-            draw_disc(line, centre, 8.0, _GOAL, 2.0)
-        elif mark == "hidden":
-            draw_disc(line, centre, 6.6, style.WHITE_RGB, 1.8)
+            canvas.draw_ring(centre, 8.0, _GOAL, 2.0, casing=4.0)
         else:
-            draw_disc(line, centre, 6.4, style.WHITE_RGB)
-            draw_disc(line, centre, 4.6, style.STATUS_RGB["tracked"])
+            canvas.draw_contact(centre, style.STATUS_RGB["tracked"], seen=mark == "contact")
         put_text(line, text, at + 30, 20, 13, style.MUTED_RGB)
         at += 30 + text_width(text, 13) + 26
     return line

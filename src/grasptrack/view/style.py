@@ -61,12 +61,12 @@ def create_figure(width: float, height: float, **more: Any) -> Any:
     return figure
 
 
-def add_legend(axes: Any, handles: Sequence[Any]) -> None:
-    """A legend below a panel, in as many rows as keep it from running out beside the panel."""
+def add_legend(axes: Any, handles: Sequence[Any], most: int | None = None) -> None:
+    """A legend below a panel, with `most` entries in a row, or as many as keep it from running out beside the panel."""
     place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.005), "borderaxespad": 0.3, "borderpad": 0.0}
     style = {"frameon": False, "fontsize": 11, "labelcolor": INK, "handlelength": 1.6, "columnspacing": 1.3}
     room = axes.get_window_extent().width
-    for columns in range(len(handles), 0, -1):
+    for columns in range(min(len(handles), most or len(handles)), 0, -1):
         legend = axes.legend(handles=handles, ncols=columns, **place, **style)
         if legend.get_window_extent(axes.figure.canvas.get_renderer()).width <= room:
             break
