@@ -77,10 +77,6 @@ class ClosedSpline:
         """Number of spans, and of control points."""
         return len(self.control)
 
-    def at(self, parameters: ArrayLike, derivative: int = 0) -> Floats:
-        """(M, 2) px: the curve, or its derivative in px per span, at parameters (M,) in spans."""
-        return np.asarray(basis_matrix(parameters, self.spans, derivative) @ self.control)
-
     def sample(self, per_span: int = PER_SPAN) -> Floats:
         """(spans * per_span, 2) px: points at equal steps of the parameter, the first at 0."""
         return np.asarray(_sampling_matrix(self.spans, per_span, 0) @ self.control)
