@@ -147,6 +147,8 @@ def candidate_of_edges(
 ) -> Candidate | None:
     """The contours of a silhouette found by closed edges, in the mixture of colours that shows it best.
 
+    None where it looks like no object, has no contour in the image, or is mostly cut by the border.
+
     Args:
         image: (H, W) or BGR (H, W, 3).
         planes: of the image, for finding holes; None to skip them.

@@ -46,7 +46,7 @@ def add_strip(canvas: Picture, result: TrackResult, number: int) -> Picture:
     reason = " ".join(result.reason.split()) or (f"grasp located, {stable}" if result.status == "tracked" else "")
     size = em if text_width(reason, em) <= width - pad - left else small
     ink = style.MUTED_RGB if result.status == "tracked" else style.INK_RGB
-    put_text(strip, ellipsise_text(reason, width - pad - left, size), left, first, size, ink)
+    put_text(strip, ellipsise_text(reason, width - pad - left, size), (left, first), size, ink)
 
     room = _draw_confidence(strip, result, pad, second, small, colour)
     _draw_figures(strip, result, number, (pad, room - pad), second, small)
@@ -63,7 +63,7 @@ def _draw_status_chip(strip: Picture, status: str, x: int, baseline: int, em: in
     for cx in (x + radius, x + wide - radius):
         cv2.circle(strip, (cx, top + radius), radius, rgb_to_bgr(colour), -1, cv2.LINE_AA)
     cv2.rectangle(strip, (x + radius, top), (x + wide - radius, top + 2 * radius), rgb_to_bgr(colour), -1)
-    put_text(strip, text, x + round(0.6 * em), baseline, size, _CHIP_INK, bold=True)
+    put_text(strip, text, (x + round(0.6 * em), baseline), size, _CHIP_INK, bold=True)
     return x + wide
 
 
@@ -79,7 +79,7 @@ def _draw_confidence(strip: Picture, result: TrackResult, pad: int, baseline: in
     gap = round(0.6 * size)
     bar = round(0.16 * strip.shape[1])
     x: int = strip.shape[1] - pad - text_width(number, size, bold=True)
-    put_text(strip, number, x, baseline, size, ink, bold=True)
+    put_text(strip, number, (x, baseline), size, ink, bold=True)
     x -= bar + gap
     top, bottom = baseline - round(0.62 * size), baseline - round(0.1 * size)
     cv2.rectangle(strip, (x, top), (x + bar, bottom), rgb_to_bgr(style.RULE_RGB), -1)
@@ -87,7 +87,7 @@ def _draw_confidence(strip: Picture, result: TrackResult, pad: int, baseline: in
     if full > 0:
         cv2.rectangle(strip, (x, top), (x + full, bottom), rgb_to_bgr(colour), -1)
     x -= text_width(label, size) + gap
-    put_text(strip, label, x, baseline, size, style.MUTED_RGB)
+    put_text(strip, label, (x, baseline), size, style.MUTED_RGB)
     return x
 
 
@@ -112,8 +112,8 @@ def _draw_figures(
         end = at + wide + gap + text_width(value, size)
         if end > room:
             break
-        put_text(strip, label, at, baseline, size, style.MUTED_RGB)
-        put_text(strip, value, at + wide + gap, baseline, size, style.INK_RGB)
+        put_text(strip, label, (at, baseline), size, style.MUTED_RGB)
+        put_text(strip, value, (at + wide + gap, baseline), size, style.INK_RGB)
         at = end + round(1.1 * size)
 
 
@@ -286,7 +286,7 @@ class Canvas:
         at = np.minimum(np.maximum(self.to_picture(centre), radius), room)
         Canvas(self.picture, unit=self.unit).draw_disc(at, 8.5, style.DARK_RGB)
         x = round(at[0] - text_width(text, size, bold=True) / 2)
-        put_text(self.picture, text, x, round(at[1] + 0.37 * size), size, style.WHITE_RGB, bold=True)
+        put_text(self.picture, text, (x, round(at[1] + 0.37 * size)), size, style.WHITE_RGB, bold=True)
 
 
 def _fixed_point(points: Floats) -> NDArray[np.int32]:
@@ -330,7 +330,7 @@ def draw_candidates(image: NDArray[Any], candidates: Sequence[Candidate]) -> Pic
     wide = max((text_width(line, size, True) for line in lines), default=0)
     picture[: round(1.4 * size * len(lines) + 0.5 * size), : wide + 2 * size] = rgb_to_bgr(style.PANEL_RGB)
     for row, line in enumerate(lines):
-        put_text(picture, line, size, round(1.4 * size * (row + 1)), size, CANDIDATE_RGB[row], True)
+        put_text(picture, line, (size, round(1.4 * size * (row + 1))), size, CANDIDATE_RGB[row], True)
     return picture
 
 

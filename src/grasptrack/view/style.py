@@ -83,16 +83,16 @@ def text_width(text: str, size: int, bold: bool = False) -> int:
     return int(_render_text(text, size, bold)[0].shape[1])
 
 
-def put_text(picture: Picture, text: str, x: int, baseline: int, size: int, colour: Colour, bold: bool = False) -> None:
-    """Write a line of text from x on a baseline y, in place; what falls outside the picture is cut off.
+def put_text(picture: Picture, text: str, at: tuple[int, int], size: int, colour: Colour, bold: bool = False) -> None:
+    """Write a line of text from `at`, x and the baseline's y, in place; what falls outside the picture is cut off.
 
     OpenCV's stroke fonts are hard to read at this size, so the typeface is the one that comes with matplotlib.
     """
     if not text:
         return
     alpha, descent = _render_text(text, size, bold)
-    top = baseline + descent - alpha.shape[0]
-    blend_colour(picture, alpha, x, top, colour)
+    x, baseline = at
+    blend_colour(picture, alpha, x, baseline + descent - alpha.shape[0], colour)
 
 
 def ellipsise_text(text: str, room: int, size: int, bold: bool = False) -> str:
