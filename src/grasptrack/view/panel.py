@@ -402,10 +402,10 @@ class TextColumn:
         if more:
             self._write_text(self._left + self._width, y, more, 12.0, color=style.MUTED, ha="right")
 
-    def write_heading(self, text: str, size: float = 13.0) -> None:
+    def write_heading(self, text: str) -> None:
         """A line in bold."""
         self._y -= 0.3
-        self._write_text(self._left, self._y, text, size, weight="bold")
+        self._write_text(self._left, self._y, text, 13.0, weight="bold")
         self._y -= 0.1
 
     def write_lines(self, text: str, size: float = 11.0, indent: float = 0.0, **more: Any) -> None:
