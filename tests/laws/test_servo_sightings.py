@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 import grasptrack as gt
+from grasptrack.servo.first_estimate import TiltCheck, TiltEstimate
 from grasptrack.servo.observation import Observation
-from grasptrack.servo.setup_check import TiltCheck, TiltEstimate
 from servo_bench import Bench
 
 
