@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack.tracking.hypotheses import add_alike
+from grasptrack.tracking.state import FlowFit
 from grasptrack.typing import Floats
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -40,3 +41,16 @@ def test_they_add_up_alike_in_any_unit(seed: int) -> None:
     D = np.diag(np.exp(rng.uniform(-1.0, 1.0, 8)))
     seen = D @ add_alike(P, step) @ D
     assert add_alike(D @ P @ D, D @ step @ D) == pytest.approx(seen, rel=1e-5, abs=1e-6 * np.trace(seen))
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 8.0), st.floats(0.0, 8.0)), max_size=20), st.floats(1.0, 50.0))
+def test_a_motion_that_fits_is_trusted_and_one_that_is_off_as_far_as_it_is(
+    seen: list[tuple[float, float]], times: float
+) -> None:
+    fit, off = FlowFit(), FlowFit()
+    for least, most in map(sorted, seen):
+        fit.add(least, most)
+    for _ in range(60):
+        off.add(times * 6.0, 6.0)
+    assert fit.excess == 1.0
+    assert 0.95 * times <= off.excess <= times

@@ -12,6 +12,7 @@ from grasptrack.kernels import PoseFlow, seen_area
 from grasptrack.tracking.decision import Decision, Expected, decide_pose
 from grasptrack.tracking.estimator import estimate_pose
 from grasptrack.tracking.evidence import expected_texture, pose_evidence, texture_evidence
+from grasptrack.tracking.patches import LEAST_NOISE
 from grasptrack.tracking.pose import (
     CONTINUOUS,
     Hypothesis,
@@ -84,10 +85,15 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     if state.velocity is not None and not state.lost:
         even = np.asarray(target.handle.moved(state.last.G, state.velocity * state.steps), dtype=np.float64)
         rest.insert(0, Hypothesis("moving on", even, free))
-    flow = None if state.lost else _align_look(state, state.last, levels, rest, Q, target.clear_corners(state.visible))
+    flow = None
+    if not state.lost:
+        flow = _align_look(state, state.last, levels, rest, Q, target.clear_corners(state.visible))
     first = []
     if flow is not None:
-        P = add_alike(state.P, flow.P) + Q * numbers.predicted**2 + np.diag(state.surface_lag)
+        # without noise of a camera's own an encoder has changed the images
+        step = flow.P * state.flow_fit.excess
+        far = state.P + step if target.noise > LEAST_NOISE else add_alike(state.P, step)
+        P = far + Q * numbers.predicted**2 + np.diag(state.surface_lag)
         hypothesis = Hypothesis("texture", flow.G, P)
         first = [hypothesis]
         if even is not None:
@@ -114,8 +120,8 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
 def add_alike(P: Floats, step: Floats) -> Floats:
     """(8, 8) covariance of an error and of a step's that goes the same way: standard deviations add up, not variances.
 
-    What the motion of a surface errs by, as where an encoder carries blocks along or an edge looks like texture, is alike from
-    image to image. The sum is P + step + 2 (P # step), with the geometric mean of both.
+    What the motion of a surface errs by, where an encoder carries blocks along, is alike from image
+    to image. The sum is P + step + 2 (P # step), with the geometric mean of both.
     """
     variances, axes = np.linalg.eigh(P)
     sd = np.sqrt(np.maximum(variances, LEAST_SHARE * variances[-1]))

@@ -151,6 +151,11 @@ def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predic
         state.wander = _clamp(_updated_mean(state.wander, share, state.wanders), LEAST_WANDER, 1.0)
     usual, passed = math.log(state.usual_s or state.passed_s), math.log(state.passed_s)
     state.usual_s = math.exp(_updated_mean(usual, passed, state.accepted + 1))
+    expected = predictions.first[0]
+    if expected.origin == "texture":
+        precision, off = np.linalg.inv(expected.P), target.pose_difference(expected.G, estimate.G)
+        # of its eight freedoms those that the image itself has told
+        state.flow_fit.add(float(off @ precision @ off), len(off) - float((precision * estimate.P).sum()))
     velocity = target.pose_difference(state.last.G, estimate.G) / max(state.steps, SHORTEST_STEP)
     state.velocity_P = state.P + estimate.P
     state.velocity = velocity if not state.lost and math.isfinite(float(velocity @ velocity)) else None

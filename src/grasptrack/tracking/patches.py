@@ -16,6 +16,8 @@ from grasptrack.typing import Floats
 SECOND_DIFFERENCE = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
 """Of which noise has a standard deviation that is larger by its norm."""
 SECOND_NORM = 6.0
+LEAST_NOISE = 1.0
+"""Grey levels, of the noise of 8 bits."""
 MEDIAN_OF_NORMAL = 0.6745
 """Median of the absolute value of a normal variable, in standard deviations."""
 SURFACE_SAMPLES = 400
@@ -38,7 +40,7 @@ def camera_noise(grey: Grey) -> float:
     J. Immerkaer, "Fast noise variance estimation", Computer Vision and Image Understanding 64 (1996), with a median.
     """
     second = np.abs(cv2.filter2D(grey, cv2.CV_32F, SECOND_DIFFERENCE))
-    return max(1.0, float(np.median(second)) / (SECOND_NORM * MEDIAN_OF_NORMAL))
+    return max(LEAST_NOISE, float(np.median(second)) / (SECOND_NORM * MEDIAN_OF_NORMAL))
 
 
 def select_textured_patches(image: Grey, mask: Grey, stride: int, noise: float, contrast: float, most: int) -> Floats:

@@ -201,6 +201,33 @@ class StaleSurface:
         return self.way / self.change
 
 
+FLOW_PRIOR, FLOW_MEMORY = 2.0, 0.9
+"""Freedoms that count for as much as is told before the first image, and share of what is known that is left an image later."""
+
+
+@dataclass
+class FlowFit:
+    """How well the motion of the surface, from image to image, is what outline and first view then say.
+
+    Attributes:
+        off: sum of late of squared Mahalanobis distances; freedoms: of their expectations.
+    """
+
+    off: float = FLOW_PRIOR
+    freedoms: float = FLOW_PRIOR
+
+    def add(self, off: float, freedoms: float) -> None:
+        """What the last image shows of it."""
+        if math.isfinite(off) and freedoms > 0.0:
+            self.off = FLOW_PRIOR + FLOW_MEMORY * (self.off - FLOW_PRIOR) + off
+            self.freedoms = FLOW_PRIOR + FLOW_MEMORY * (self.freedoms - FLOW_PRIOR) + freedoms
+
+    @property
+    def excess(self) -> float:
+        """By which its variance is larger than it says, 1 at least."""
+        return max(1.0, self.off / self.freedoms)
+
+
 FRONTAL = 0.5
 """Sine of 30 degrees, of the tilt up to which a contact on a lower edge is to be off by less than what would be wrong."""
 SURE_SD = 2.0
@@ -243,7 +270,7 @@ class TrackState:
             jump is no speed; 0 where that is not known.
         presence: probability that the object is there.
         sightings: of the contacts.
-        stale: how much of the surface is not seen anew.
+        stale: how much of the surface is not seen anew; flow_fit: how well its motion fits what else is seen.
         shown: (N,) 0 to 1: how much of each sample of the outline accepted images showed on average, once the object had moved.
         shown_in: so many of them.
         steps: time from the last image but one to the last, or to the one that is looked at, in usual intervals.
@@ -288,6 +315,7 @@ class TrackState:
     time: float | None
     interval: float | None = None
     stale: StaleSurface = field(default_factory=StaleSurface)
+    flow_fit: FlowFit = field(default_factory=FlowFit)
     shown: Floats = field(default_factory=nothing_visible)
     shown_in: int = 0
     visible: Floats = field(default_factory=nothing_visible)
