@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the fuzzers' programs share: their options, how long they go on, and what is told at the end."""
 
-from __future__ import annotations
-
 import time
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections import Counter

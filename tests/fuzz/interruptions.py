@@ -8,8 +8,6 @@ left over. Evaluations and trials are interrupted in one folder until they are f
 a run without interruption holds. The same seed interrupts alike, but for what the machine does meanwhile.
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 import json

@@ -6,8 +6,6 @@
 The C library counts them (mallinfo2), so that a leak of a few bytes a call is seen where the size of the process says nothing.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import sys

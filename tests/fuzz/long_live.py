@@ -10,8 +10,6 @@ is looked at what the process holds. Half of the time is for recordings as MCAP,
 Memory that rises in a step once and stays may be glibc's, which keeps an arena for each thread: MALLOC_ARENA_MAX=1 leaves one.
 """
 
-from __future__ import annotations
-
 import gc
 import subprocess
 import sys

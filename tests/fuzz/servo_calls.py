@@ -7,8 +7,6 @@ Judged is by where the simulated hand is, what its camera sees and what time it 
 says what makes it again.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices of 4 x 4: threads only wait for each other

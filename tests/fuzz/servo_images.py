@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an uncalibrated camera on the hand sees of a flat part on a table, the tracker on it, and cameras that fail."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass

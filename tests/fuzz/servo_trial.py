@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A servo, a simulated arm, and everything between them that can fail: what is handed in, and what the judge is told of it."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import math

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Targets, images and questions for the kernel that fits poses and for its objective."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from dataclasses import fields

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images and videos for the tests of sources, runs and the command line."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

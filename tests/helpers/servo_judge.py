@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Judges a servo by the truth of the simulated arm, camera and clock, and not by what the servo says of them."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass, field

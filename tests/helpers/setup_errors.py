@@ -6,8 +6,6 @@
 prints what a servo said of them, and after how many seconds of motion.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from argparse import ArgumentParser

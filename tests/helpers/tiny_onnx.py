@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nets of a few nodes as ONNX, written byte by byte: one that maps brightness, and stand-ins for nets that answer clicks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sessions of the live page for tests: on folders of drawn images, and on a source that tests feed image by image."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Generator, Iterator

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the hand goes for: grasps that leave room for its fingers, however little is known of the part's size."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

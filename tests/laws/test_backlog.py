@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What waits of a live source: the newest; after `keep` all in order, thinned evenly; who is slow gets to the newest."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Closed cubic B-splines and the shape spaces on their samples."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A camera's lens: there and back, as OpenCV has it, and from every kind of file that users have."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

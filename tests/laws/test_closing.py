@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The chance that a grasp closes: against its plain definition, contacts drawn and slid along the outline."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from functools import lru_cache

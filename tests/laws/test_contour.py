@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contours: what is refused at the edge, and under homographies what is worked out late, as it would be at once."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import re

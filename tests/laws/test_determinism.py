@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The same input gives the same bytes: in any process, with any seed of hashes, number of threads, and in a thread."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two runs side by side: the same run is no worse than itself, and what was made worse is named."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's error measures: their definitions, units and invariances."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

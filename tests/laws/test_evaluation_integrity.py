@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures of integrity against their definitions, and records that come back to the last digit."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

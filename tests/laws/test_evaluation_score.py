@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scores over sequences, and tables of homographies."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run's figures are those of its parts, and its folder is read back or refused by name."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

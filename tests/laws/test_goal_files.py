@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A goal's file gives back the goal that was saved, and what is none is told in one line that names the file."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

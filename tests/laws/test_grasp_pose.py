@@ -2,8 +2,6 @@
 """Where the grasp is in metres: covariances follow the derivatives, what cannot be told is told to be unknown, and noise that
 lasts is not averaged away."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A calibration's file gives back what was saved, other programs read theirs, and the alarm rings for what is contradicted."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import partial

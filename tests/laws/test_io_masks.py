@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Masks: matched by name where the names match, else by order, and refused where they do not match."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

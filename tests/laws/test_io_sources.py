@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sources: any kind is guessed, and frames come in order, in 8 bits, with their times."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pose estimator makes its objective least; what is told of poses equals its definition; and what it makes of nonsense."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

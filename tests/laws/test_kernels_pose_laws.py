@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a fitted pose, its light and its evidence obey."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a rolling shutter bends, as the kernel that fits poses allows for it and tells of it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Live sources: the newest image, times that go on, devices that come back, and threads that end."""
 
-from __future__ import annotations
-
 import itertools
 import threading
 import time

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of the page: what is a command comes through as it was said, and everything else is refused in one line."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import fields, is_dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What goes to the page: strict JSON of any result, lines to a hundredth of a px, each image encoded once and sent once."""
 
-from __future__ import annotations
-
 import json
 import math
 import struct

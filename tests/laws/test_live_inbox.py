@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What waits for a session: commands in order and before images, of a live source the newest image, of a file every one."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

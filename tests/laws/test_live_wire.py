@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A live wire runs along edges, ends at its clicks, and forgets what was dragged away."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is learned of an outline's grey levels, and when it is forgotten."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from grasptrack.first_image import FirstImage

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Convex pieces of a polygon: convex, inside it, as large together as it is, and never over each other."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Raw pixels: what cameras pack comes out as it went in, and grey levels follow the light by one fixed factor."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

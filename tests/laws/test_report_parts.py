@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Axes, charts, numbers and pictures of reports against their laws."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

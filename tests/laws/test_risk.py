@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One rate decides: what is answered, what the confidence says of it, and what is refused."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every task is done once, wherever; a worker that dies costs time and nothing else."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

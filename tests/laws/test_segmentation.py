@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From an image to outlines: the right object, its holes, what the border cuts, to a tenth of a pixel."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

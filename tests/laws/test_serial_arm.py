@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The six-jointed arm: its inverse kinematics, the twist that it makes, its limits, and what its camera does not see."""
 
-from __future__ import annotations
-
 import math
 from importlib.util import find_spec
 from typing import TYPE_CHECKING

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A servo under every order of events: what it was told, and what it did, judged by where its arm is in truth."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A hand that closed on nothing opens and goes back first, whatever the next images say, and then has all its time again."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from functools import cache

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which sightings are gone through again: none of an object that lay elsewhere, and none that tell too little."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The suite of disturbances: each scene begins as promised, does what its name says, and is the same everywhere."""
 
-from __future__ import annotations
-
 import math
 import os
 import pickle

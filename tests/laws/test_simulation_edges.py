@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every kind of scene against its own truth: on plain surfaces the rendered edge is the stated outline."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

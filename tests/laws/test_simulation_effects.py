@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Glare, rolling shutter, shake, compression, what else lies on the table, occluders that stay: each does what it says."""
 
-from __future__ import annotations
-
 import math
 from copy import copy
 from dataclasses import replace

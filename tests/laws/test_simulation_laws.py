@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lens, thickness, exposure, shadow, noise, twins: each against the law that it stands for."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise

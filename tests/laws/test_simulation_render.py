@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The renderer against the analytic outline: a scene whose edges lie elsewhere than it says measures nothing."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes and cameras: units, directions, exact motion."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

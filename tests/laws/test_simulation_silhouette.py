@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parts from masks and photos: outline, holes, and a surface without the photo's background."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rough outlines drawn to edges, whether outlines come back, and quadrangles of straight edges."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

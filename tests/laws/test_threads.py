@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trackers in threads: each gives what it gives alone, and one that two threads call at once says so."""
 
-from __future__ import annotations
-
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any

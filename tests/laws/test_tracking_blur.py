@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wide edges and noise: what the core measures of them in the first view, and what it learns of focus later."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is said of a closing is the truth's word, not the tracker's."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 import numpy as np

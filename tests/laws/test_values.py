@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is returned is a value: it compares, prints in a line, and is pickled; a tracker is copied in the middle of a run."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from collections.abc import Callable

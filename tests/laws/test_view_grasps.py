@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture of synthesised grasps: legible for any image and object, and its parts where they belong."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

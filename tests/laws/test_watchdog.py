@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The last word on every twist, the servo's clock, and what counts as an image: laws without any vision."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

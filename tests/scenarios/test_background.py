@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture of the empty bench: what it tells of the object, whatever the light."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

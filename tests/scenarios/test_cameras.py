@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cameras: GenICam's virtual ones, pylon's emulation, and stand-ins for a webcam and a RealSense; what is attached."""
 
-from __future__ import annotations
-
 import itertools
 import signal
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A grasp chosen by the caller, on the outline that the tracker found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

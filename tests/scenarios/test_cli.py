@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: what it writes, what it says, and how fast it answers."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input: one clear line on stderr, exit status 2, and nothing lost."""
 
-from __future__ import annotations
-
 import csv
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack evaluate` and `grasptrack compare`: what they write, what they say, and that nothing is lost."""
 
-from __future__ import annotations
-
 import csv
 import json
 import signal

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Help of all verbs: one order, one form of defaults, units and values."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from functools import cache

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack inspect`: its table, its files, its picture, and one clear line for everything that is no input."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack servo`: what it writes, that the same seed is the same trial, and one line for what is wrong."""
 
-from __future__ import annotations
-
 import builtins
 import csv
 import json

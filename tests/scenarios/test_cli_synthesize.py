@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack synthesize`: its table, its files, and one clear line for everything that is no input."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

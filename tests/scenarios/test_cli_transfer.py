@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack transfer`: what is refused, with which status, and what is told where the images do not tell all."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Objects that differ from their ground by colour, or are darker here and lighter there: followed, never mistaken."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import cv2

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How far the object is, where its length is told: exact where the plane is known, and as sure as it says elsewhere."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

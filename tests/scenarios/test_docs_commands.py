@@ -5,8 +5,6 @@ The pages' own file names are laid out in a folder (`workspace`), so that comman
 tables below say which options make a command short. A command that no table knows fails.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import re

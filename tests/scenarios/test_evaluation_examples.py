@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The examples run as they stand, and the demonstration gives what it promises."""
 
-from __future__ import annotations
-
 import csv
 import os
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The peers follow what is easy, lose what is not there, crash on nothing, and are what their libraries make of them."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import cv2

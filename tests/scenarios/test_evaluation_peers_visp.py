@@ -4,8 +4,6 @@
 Where ViSP itself is installed, `test_evaluation_peers.py` runs it.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path

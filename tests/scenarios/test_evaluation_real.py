@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Real videos whose object is told by `scenes.csv`: which one is followed, from which frame, and what is counted."""
 
-from __future__ import annotations
-
 import csv
 import math
 from functools import lru_cache

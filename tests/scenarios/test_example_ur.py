@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The example for UR arms on its pretended arm: frames, limits, a protective stop. The arm itself is nobody's here."""
 
-from __future__ import annotations
-
 import runpy
 import sys
 from pathlib import Path

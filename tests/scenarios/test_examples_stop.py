@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The loops of the examples leave the arm at rest: Ctrl-C and errors at random moments of every call, and failed approaches."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import runpy

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sheets that nearly fill the image, or that its border cuts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bound of a first look's work: less is found within less, the same within the same, and something always."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is hidden: a camera on a hand sees its own fingers, and what they show is nobody's edge."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contacts that are given are right: another object, a near twin, a turned symmetric one or a cover is never taken for it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

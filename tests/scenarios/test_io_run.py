@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run: one row for every frame, files that can be read however it ends, and figures that are those of its rows."""
 
-from __future__ import annotations
-
 import json
 import math
 import pickle

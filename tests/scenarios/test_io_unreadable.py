@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sources that cannot be read, or not to their end: one line that names them, after the frames that could be read."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

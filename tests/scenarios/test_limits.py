@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files that claim too much, or hold less than they claim: refused before memory is asked for, or told in a line."""
 
-from __future__ import annotations
-
 import json
 import resource
 import struct

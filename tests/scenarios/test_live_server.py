@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page's server: who is let in, which files can be had, what goes over the WebSocket; slow browsers slow nobody."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import signal

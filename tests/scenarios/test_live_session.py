@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A session without a page: what each command does, what its files hold, and that nothing outlives it."""
 
-from __future__ import annotations
-
 import errno
 import json
 import threading

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What moves over an object, before an outline that slides along itself, carries no contact along."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A first outline that holds more than the object: a grasp on what stays behind is not given."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

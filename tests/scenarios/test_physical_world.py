@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The physical world: the same seed is the same world, parts can be held, and its images are where the truth says."""
 
-from __future__ import annotations
-
 import math
 from importlib.util import find_spec
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images and videos that are piped in."""
 
-from __future__ import annotations
-
 import io
 import os
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A package from outside adds a strategy, a segmenter and a method without touching a file of this one."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

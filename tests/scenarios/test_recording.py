@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run is recorded as: MCAP for Foxglove and RRD for rerun, read back by their own libraries; and lines of JSON."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """An object that was lost is found again wherever and however it lies, and nothing else is ever taken for it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pages that a browser takes as they are: well-formed, self-contained, nothing undefined, nothing that is no number."""
 
-from __future__ import annotations
-
 import base64
 import math
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The servo's node on the kinematic bench, against a stub of rclpy, its messages through CDR. No ROS runs here."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tracker's node against a stub of rclpy, with messages that went through CDR. No ROS runs here."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A belt full of equal parts, and a moment in the dark in which each goes to the place of the next: nobody can tell them."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

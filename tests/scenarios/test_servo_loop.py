@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The loop closed on the kinematic bench: it converges from everywhere, closes on nothing unbelieved, and gives up in time."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 from dataclasses import replace

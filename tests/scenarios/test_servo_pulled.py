@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A part that is pulled away from the closing hand: the servo notices by the opening, goes back, and tries again."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 import pytest

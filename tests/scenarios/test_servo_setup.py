@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is set up wrongly is named before the hand has gone far, and what is right is not refused: a few of tests/slow's."""
 
-from __future__ import annotations
-
 import pytest
 
 from setup_errors import try_right, try_wrong

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A first look that is not sure asks the next images: reflections stay with the lamps, objects with the bench."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The snake on rendered images with known motion: right, or not ok."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

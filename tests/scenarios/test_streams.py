@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Streams on loopback: MJPEG over HTTP, H.264 over RTSP and UDP, cut and picked up again, and addresses where nothing is."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import signal

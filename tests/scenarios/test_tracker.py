@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the tracker promises: statuses with reasons, contacts in their order, errors for bad input, the same answer twice."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

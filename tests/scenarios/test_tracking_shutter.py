@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A rolling shutter: what is learned of it, and that contacts are where their own rows show them."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

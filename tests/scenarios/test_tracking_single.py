@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """An image that follows no other: judged by all that is seen in it, and by nothing that an image before could tell."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 from typing import cast

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of the tracker: what must not matter does not, what is refused has a code, what is given fits together."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

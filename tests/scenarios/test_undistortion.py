@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A tracker that knows the lens: px of the images as they are go in and come out, and straight lines are seen straight."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Iterator

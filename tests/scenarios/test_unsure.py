@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where it is not sure which object is meant: it is said, it is shown, and no hand moves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

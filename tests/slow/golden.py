@@ -6,8 +6,6 @@ as noise the standard deviation over redrawn scenes. A score is stored anew only
 the suite changes; a commit that stores worse ones says why.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack evaluate scenes` on a cluster that loses a worker."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Damaged images, videos, calibrations and masks through the command line: status 0, or 2 and one line."""
 
-from __future__ import annotations
-
 import sys
 from itertools import islice
 from pathlib import Path

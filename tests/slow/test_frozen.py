@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What users see stays as it is where nothing was meant to change it: see `frozen`."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

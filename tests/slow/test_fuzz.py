@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fuzzer for some seconds: nothing dies, hangs, comes out raw or answers wrongly."""
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scores of a small fixed suite must not get worse than what is stored, by more than their noise."""
 
-from __future__ import annotations
-
 import copy
 import json
 

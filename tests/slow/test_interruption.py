@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs that are interrupted at random moments: what was computed is kept, files can be read, one line is said."""
 
-from __future__ import annotations
-
 import random
 import signal
 from pathlib import Path

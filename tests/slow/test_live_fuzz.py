@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Odd messages and requests to the live page: a line for each, no file but the run's, and it still tracks afterwards."""
 
-from __future__ import annotations
-
 import sys
 from itertools import islice
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sessions at full speed with pages and recordings that come and go: no file stays open and no thread is left."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

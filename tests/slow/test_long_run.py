@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A long run of mixed sequences: memory does not grow with the updates."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

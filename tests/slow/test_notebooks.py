@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The notebooks run as they stand, and none is committed with its output."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Some of the random call sequences and of the approaches in which something fails; and a judge that finds what is wrong."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every study runs to its end in its smallest setting; in the file of results sections are replaced where they stand."""
 
-from __future__ import annotations
-
 import sys
 from importlib import import_module
 from pathlib import Path

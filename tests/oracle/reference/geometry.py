@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contours as curves of their arc length, their moments, places on them, and where lines cross them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Homographies of four points, and what they do to points and normals."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steps of two transfers: by four peaks of curvature and a homography, and by a grasp line (Sections III and IV)."""
 
-from __future__ import annotations
-
 import math
 from itertools import combinations
 

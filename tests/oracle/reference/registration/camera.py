@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a pinhole lets a rigid plane do in the image, and where the lower face of a thick part shows."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

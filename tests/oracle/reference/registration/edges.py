@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Edges along the outline's normals: several candidates a sample, each with how much it looks like the object's own."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

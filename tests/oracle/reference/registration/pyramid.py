@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Grey images and their halves looked at through a homography, and the small algebra of a pose."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What was chosen in the reference view, and the eight parameters by which a pose of it may be off."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 

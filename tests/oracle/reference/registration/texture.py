@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small patches of one look laid on another image, each saying by how much the pose is off, and how surely."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
