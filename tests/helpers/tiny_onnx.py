@@ -91,8 +91,6 @@ def write_brightness_net(path: Path, side: int) -> None:
     net.write(path, {"image": (1, 3, side, side)}, {"map": (1, 1, side, side)})
 
 
-# --- nets that answer clicks ---------------------------------------------------------------------
-
 SIDE, CELL = 1024, 4
 EMBEDDED = (1, 3, SIDE // CELL, SIDE // CELL)
 SCORES = (0.7, 0.95, 0.4)

@@ -73,8 +73,6 @@ def test_too_few_spans_are_refused() -> None:
         ClosedSpline(np.zeros((3, 2)))
 
 
-# --- shape spaces -------------------------------------------------------------------------------
-
 states = st.lists(st.floats(-20, 20), min_size=6, max_size=6)
 
 

@@ -86,8 +86,6 @@ def test_another_shape_of_image_is_refused() -> None:
         Camera(K, D, size=SIZE).resized(1280, 720)
 
 
-# --- files ---------------------------------------------------------------------------------------
-
 ROS = """# by hand
 image_width: 640
 image_height: 480

@@ -51,9 +51,6 @@ def closes(view: View, regions: Regions, slips: np.ndarray) -> np.ndarray:
     return closes_after(view, regions.contacts, slips, FRICTION)
 
 
-# --- regions -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("fingers", [2, 3])
 @pytest.mark.parametrize("name", NAMES)
 def test_everything_within_the_regions_closes(name: str, fingers: int) -> None:
@@ -120,9 +117,6 @@ def test_the_depth_of_a_hull_is_the_kernels_epsilon() -> None:
         w = np.column_stack([forces, both[:, 0] * forces[:, 1] - both[:, 1] * forces[:, 0]])
         epsilon, _ = kernels.force_closure(arms, normals, 0.0, 0.0, 1.0, FRICTION)
         assert epsilon_quality(w[None])[0] == pytest.approx(epsilon, abs=1e-9)
-
-
-# --- chances -------------------------------------------------------------------------------------
 
 
 def errors(rng: np.random.Generator, fingers: int, sigma: float) -> np.ndarray:

@@ -190,8 +190,6 @@ def test_numbers_in_other_clothes_are_no_points(kind: type) -> None:
         Contour(np.column_stack([np.cos(angles), np.sin(angles)]).astype(kind))
 
 
-# --- points in the place of a contour --------------------------------------------------------------
-
 RING = 50.0 * np.array([[-2, -1], [0, -1], [2, -1], [2, 0], [2, 1], [0, 1], [-1, 1], [-2, 0]], dtype=np.float64)
 TAKERS: dict[str, Callable[[Any], object]] = {
     "synthesize": lambda points: [g.contacts.tolist() for g in gt.synthesize(points, top=3)],

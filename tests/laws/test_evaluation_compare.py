@@ -168,9 +168,6 @@ def test_runs_that_cannot_be_compared_are_refused(folder: Path, tmp_path: Path) 
         compare_runs(folder, tmp_path / "nowhere")
 
 
-# --- the statistics ------------------------------------------------------------------------------
-
-
 def test_two_runs_of_the_same_kind_seldom_differ_beyond_their_noise(tmp_path: Path) -> None:
     def run(seed: int) -> list[list[FrameScore]]:
         return [made_up(np.random.default_rng((seed, k)), "bar", "ecc") for k in range(24)]

@@ -121,9 +121,6 @@ def test_the_covariance_of_an_answer_is_held_against_its_error(seed: int) -> Non
     assert scored.opening == pytest.approx(1.1 * math.hypot(80.0, 20.0))
 
 
-# --- records -------------------------------------------------------------------------------------
-
-
 @given(SEEDS)
 def test_records_come_back_to_the_last_digit(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
     path = tmp_path_factory.mktemp("records") / "a.csv"

@@ -210,9 +210,6 @@ def test_table_five_lays_open_what_the_strategy_does(name, kind):
     )
 
 
-# --- what the paper prints -------------------------------------------------------------------------
-
-
 def test_printed_errors_are_averages_and_maxima():
     for _, columns in printed.TABLE_VI:
         assert all(average <= largest for average, largest in columns)

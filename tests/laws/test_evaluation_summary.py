@@ -120,9 +120,6 @@ def test_videos_are_their_own_level(tmp_path: Path) -> None:
     assert summary.factor == "video" and summary.levels == ("box", "card") and summary.shapes == ()
 
 
-# --- what is no run ------------------------------------------------------------------------------
-
-
 def test_cases_that_failed_or_were_not_reached_are_told_and_left_out(tmp_path: Path) -> None:
     cases = [Case("a.clean", 30, "a", "clean"), Case("b.clean", 30, "b", "clean", error="no stable grasp")]
     cases.append(Case("c.clean", 30, "c", "clean"))

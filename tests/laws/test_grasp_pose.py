@@ -142,9 +142,6 @@ def test_a_grasp_shows_itself_and_is_compared_by_value() -> None:
     assert set(told) == set(GraspPose.__dataclass_fields__) and len(told["contacts"]) == 2
 
 
-# --- noise that lasts -------------------------------------------------------------------------------
-
-
 def sightings(seed: int, noise: float, lasting: float, images: int = 40) -> tuple[Origin, list[Observation], Estimate]:
     """A hand that goes about above an object at rest; errors of images, of which some last for ever."""
     rng = np.random.default_rng(seed)

@@ -181,9 +181,6 @@ def test_the_difference_of_two_calibrations_is_a_chi_square(seed: int) -> None:
     assert other.contradicted_by(one) == pytest.approx(one.contradicted_by(other), rel=0.1)
 
 
-# --- the alarm --------------------------------------------------------------------------------------
-
-
 def moves(knocked: float, noise: float = 0.1, images: int = 60) -> tuple[list[Observation], list[Estimate]]:
     """Sightings while a hand goes about, and what is estimated of them; half-way the camera is turned, rad."""
     rng = np.random.default_rng(0)

@@ -238,9 +238,6 @@ def test_no_straight_path_is_better_than_the_smoothest(seed: int, rows: int, col
         assert each[np.arange(rows), path].sum() - bend * steps >= straight - 3 * bend * (columns - 1) - 1e-9
 
 
-# --- quadrangles ---------------------------------------------------------------------------------
-
-
 @given(st.integers(0, 10_000))
 def test_a_quadrangle_is_found_behind_fingers(seed: int) -> None:
     """Two of its sides are broken by something of its own grey."""

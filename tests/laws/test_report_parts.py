@@ -119,9 +119,6 @@ def test_what_stands_in_a_page_is_escaped(tmp_path: Path) -> None:
     assert "<code>a&lt;b</code>" in text and "<strong>c&lt;d</strong>" in text and "x &lt; y &amp; z" in text
 
 
-# --- curves --------------------------------------------------------------------------------------
-
-
 def test_error_over_time_is_the_median_over_the_runs() -> None:
     runs = [made_up(np.random.default_rng(k), "bar", "auto") for k in range(9)]
     found = over_time(runs)
@@ -153,9 +150,6 @@ def test_shares_recovered_grow_to_all_that_were() -> None:
     assert returns == 6 and (np.diff(shares) >= 0.0).all() and shares[-1] == 1.0
     blind = [[replace(f, contacts=None, distances=None) if f.frame else f for f in r] for r in runs]
     assert recovery_curve(blind, 11)[0].tolist() == [0.0] * 12
-
-
-# --- pictures ------------------------------------------------------------------------------------
 
 
 def has(picture: np.ndarray, rgb: tuple[int, int, int]) -> bool:

@@ -124,9 +124,6 @@ def test_learning_is_never_looser_than_the_default() -> None:
     assert NUMBERS.with_risk(0.5).risk == 0.5
 
 
-# --- bounds, and where it is told -----------------------------------------------------------------
-
-
 @pytest.mark.parametrize("risk", BAD)
 def test_a_risk_that_is_none_is_bad_input(risk: float) -> None:
     for refused in (
@@ -208,9 +205,6 @@ def test_every_tracker_of_an_approach_takes_the_risk(monkeypatch: pytest.MonkeyP
     for k in range(1, 12):  # nothing there: it looks anew
         looking.update(BLANK[1], float(k))
     assert set(asked) == {1e-7} and len(asked) > 1
-
-
-# --- the file of numbers ------------------------------------------------------------------------
 
 
 def test_the_file_of_numbers_is_read_and_what_is_wrong_in_it_is_told(tmp_path: Path) -> None:

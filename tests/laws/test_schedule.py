@@ -92,9 +92,6 @@ def test_what_cannot_be_is_refused(address: str | None, workers: int, told: str)
         create_scheduler(address, workers)
 
 
-# --- a cluster -----------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_still_does_every_task(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")

@@ -144,9 +144,6 @@ def test_the_part_stays_in_view_where_it_is_not_said_to_leave(name: str) -> None
         assert min(made[i].outline_visible for i in range(3, 60, 16)) == 1.0
 
 
-# --- what each does ------------------------------------------------------------------------------
-
-
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("shape", PARTS)
 def test_covers_hide_what_they_should_and_go(shape: str) -> None:

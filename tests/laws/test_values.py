@@ -32,9 +32,6 @@ def unpickled(value: Any) -> Any:
     return pickle.loads(pickle.dumps(value))
 
 
-# --- trackers ------------------------------------------------------------------------------------
-
-
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("copied", "after", "options"),
@@ -66,9 +63,6 @@ def test_a_tracker_knows_no_buffer_of_its_callers() -> None:
         buffer[:] = image
         assert reused.update(buffer) == mine
         buffer[:] = 0
-
-
-# --- results -------------------------------------------------------------------------------------
 
 
 def results() -> list[Any]:

@@ -152,9 +152,6 @@ def test_silhouettes_and_photos_are_parts(tmp_path: Path) -> None:
         assert not any(f.is_false_accept for f in frames)
 
 
-# --- real videos ---------------------------------------------------------------------------------
-
-
 def film(folder: Path, frames: int = 5) -> Path:
     """A folder of images and its table, as a recording would be."""
     scene = Scene(SHAPES["bracket"](), similarity_path(40))

@@ -183,9 +183,6 @@ def test_the_papers_methods_refuse_what_does_not_close_in_the_image(name: str) -
     assert all(r.status == "lost" and "does not close in this image" in r.reason for r in results[1:])
 
 
-# --- the same as the library gives ---------------------------------------------------------------
-
-
 def test_sift_is_that_of_opencv() -> None:
     one, other = to_grey(images()[0]), to_grey(images()[4])
     near = cv2.dilate(

@@ -38,9 +38,6 @@ def across(shape: Shape, size: float) -> Floats:
     return np.array([[0.0, y.min()], [0.0, y.max()]])
 
 
-# --- what the seed decides ------------------------------------------------------------------------
-
-
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("scenario", ["static", "belt", "blackout", "pushed", "pulled"])
 def test_the_same_seed_is_the_same_world_and_goes_the_same_way(scenario: str) -> None:
@@ -90,9 +87,6 @@ def test_a_blocked_view_lasts_half_a_second_and_shows_nothing() -> None:
             blocked.append(world.time())
             assert world.image().std() < 4.0
     assert len(blocked) * world.period == pytest.approx(0.5, abs=world.period)
-
-
-# --- what the physics does ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("arm", ["gantry", "arm"])
@@ -170,9 +164,6 @@ def test_three_fingers_led_by_the_truth_lift_a_disc(arm: str) -> None:
     assert lift_by_truth(world, radius * np.column_stack([np.cos(angles), np.sin(angles)])), world.failure
 
 
-# --- what is seen ---------------------------------------------------------------------------------
-
-
 def part_mask(world: World) -> np.ndarray:
     """(480, 640) where MuJoCo draws the part, pixel by pixel."""
     mujoco = import_mujoco()
@@ -222,9 +213,6 @@ def test_the_fingertips_are_where_the_hand_is_drawn_and_the_mask_covers_it() -> 
     drawn = boxes_seen(world.hand.boxes(world.opening()), to_camera, K, 0.5)
     assert drawn.share.max() > 0.9
     assert not (drawn.share > 0.02)[~ignore].any()
-
-
-# --- refusals and bad input -----------------------------------------------------------------------
 
 
 @pytest.mark.slow

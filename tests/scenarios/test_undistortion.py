@@ -216,9 +216,6 @@ def test_what_the_border_of_the_image_seen_cuts_is_cut() -> None:
     )
 
 
-# --- the command line ----------------------------------------------------------------------------
-
-
 @pytest.fixture
 def scene(tmp_path: Path) -> Iterator[tuple[Path, Path, list[SceneFrame]]]:
     seen, camera = frames(3)

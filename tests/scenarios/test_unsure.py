@@ -30,9 +30,6 @@ def first_result(image: np.ndarray = TWO, **asked: Any) -> gt.TrackResult:
     return gt.GraspTracker(**asked).update(image)
 
 
-# --- the tracker --------------------------------------------------------------------------------
-
-
 def test_two_equal_objects_are_not_sure_and_one_alone_is() -> None:
     assert not first_result().object_sure
     assert first_result(ALONE).object_sure
@@ -71,9 +68,6 @@ def test_no_probability_is_told(sure: float) -> None:
     for refused in (lambda: gt.GraspTracker(sure=sure), lambda: gt.first_look(TWO, sure=sure)):
         with pytest.raises(InputError, match="0 or more and below 1"):
             refused()
-
-
-# --- the servo ----------------------------------------------------------------------------------
 
 
 @given(st.integers(0, 20), st.integers(1, 60))
@@ -126,9 +120,6 @@ def test_a_rendered_hand_stands_still_and_says_why(tmp_path: Path) -> None:
     assert row.outcome == "failed" and "not sure which object" in row.reason
     assert not np.any(twists)
     assert main(["servo", "--sure", "1.2", "--output", str(tmp_path)]) == 2
-
-
-# --- verbs --------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
