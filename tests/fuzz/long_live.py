@@ -54,17 +54,11 @@ class Held(NamedTuple):
 
 
 class LongLive(NamedTuple):
-    """What was measured in one session.
+    """What was measured in one session."""
 
-    Attributes:
-        counts: of images, rounds, clients, recordings and commands.
-        held: after each round.
-        left: files and threads more than before, once the session has ended.
-    """
-
-    counts: Counter[str]
-    held: list[Held]
-    left: tuple[int, int]
+    counts: Counter[str]  # of images, rounds, clients, recordings and commands
+    held: list[Held]  # after each round
+    left: tuple[int, int]  # files and threads more than before, once the session has ended
 
     @property
     def findings(self) -> list[str]:

@@ -43,19 +43,12 @@ FAULTS = ("nothing", "nothing", *CAMERA, *FAILING, *CLOCK)
 
 
 class Shot(NamedTuple):
-    """An image.
+    """An image."""
 
-    Attributes:
-        image: (480, 640) uint8.
-        shot: s, when it was taken.
-        hand: (4, 4), and
-        at: (3,) m, where hand and part were.
-    """
-
-    image: np.ndarray
-    shot: float
-    hand: np.ndarray
-    at: np.ndarray
+    image: np.ndarray  # (480, 640) uint8
+    shot: float  # s, when it was taken
+    hand: np.ndarray  # (4, 4), and
+    at: np.ndarray  # (3,) m, where hand and part were
 
 
 def draw_outline(rng: np.random.Generator, width: float) -> np.ndarray:
@@ -102,21 +95,13 @@ def _warped(texture: np.ndarray, H: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Look:
-    """Of a part and its table.
+    """Of a part and its table."""
 
-    Attributes:
-        outline: (n, 2) m in the part's plane, about `Rendered.anchor`.
-        grey: of the table and of the part, 0 to 255.
-        depth: of their grain.
-        noise: of the camera, in grey levels.
-        texture: its seed.
-    """
-
-    outline: np.ndarray
-    grey: tuple[float, float]
-    depth: tuple[float, float]
-    noise: float
-    texture: int
+    outline: np.ndarray  # (n, 2) m in the part's plane, about `Rendered.anchor`
+    grey: tuple[float, float]  # of the table and of the part, 0 to 255
+    depth: tuple[float, float]  # of their grain
+    noise: float  # of the camera, in grey levels
+    texture: int  # its seed
 
 
 class Rendered(Bench):

@@ -30,21 +30,13 @@ Faults = Collection[str]
 
 
 class Handed(NamedTuple):
-    """What comes of a look.
+    """What comes of a look."""
 
-    Attributes:
-        result: the tracker's; None where there is no image.
-        image: it stands for pixels that are new.
-        right: it shows the grasp where it is, and is believed.
-        misled: px by which an image that does not follow the hand is off; 0 where it is the hand's camera's.
-        shot: s, when it was taken, by the true clock.
-    """
-
-    result: gt.TrackResult | None
-    image: bool = False
-    right: bool = False
-    misled: float = 0.0
-    shot: float = 0.0
+    result: gt.TrackResult | None  # the tracker's; None where there is no image
+    image: bool = False  # it stands for pixels that are new
+    right: bool = False  # it shows the grasp where it is, and is believed
+    misled: float = 0.0  # px by which an image that does not follow the hand is off; 0 where it is the hand's camera's
+    shot: float = 0.0  # s, when it was taken, by the true clock
 
 
 class Sight(Protocol):
@@ -242,19 +234,12 @@ CALLS = ("pause", "hurry", "touched", "stopped", "closed early", "copied")
 
 @dataclass
 class Trial:
-    """A servo and its arm.
+    """A servo and its arm."""
 
-    Args:
-        bench: the arm, and where the object is.
-        servo: is called.
-        sight: camera and tracker.
-        judge: is told the truth.
-    """
-
-    bench: Bench
-    servo: gt.GraspServo
-    sight: Sight
-    judge: Judge
+    bench: Bench  # the arm, and where the object is
+    servo: gt.GraspServo  # is called
+    sight: Sight  # camera and tracker
+    judge: Judge  # is told the truth
     twist: np.ndarray = field(default_factory=lambda: np.zeros(6))
     told: float = math.nan  # s of the caller's clock at the last call that was taken
     true: float = math.nan

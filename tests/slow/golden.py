@@ -43,15 +43,10 @@ Scores = dict[str, dict[str, float]]
 
 
 class Found(NamedTuple):
-    """What the suite gives.
+    """What the suite gives."""
 
-    Attributes:
-        scores: by method and measure.
-        wrong: (method, name of a case) in which something wrong was given as right.
-    """
-
-    scores: Scores
-    wrong: set[tuple[str, str]]
+    scores: Scores  # by method and measure
+    wrong: set[tuple[str, str]]  # (method, name of a case) in which something wrong was given as right
 
 
 def suite(seed: int) -> list[SceneCase]:

@@ -27,21 +27,13 @@ SCHARR_NOISE = (2.0 * 10.0**2 + 4.0 * 3.0**2) / 32.0**2
 
 
 class Matches(NamedTuple):
-    """What patches say of a pose.
+    """What patches say of a pose."""
 
-    Attributes:
-        rows: (m, 2, 8) derivatives of `shift` by the pose's error.
-        inside: (m,) whether each is whole in view; else the rest is 0.
-        correlation: (m,) with the camera's noise in the denominator.
-        shift: (m, 2) work px, by which the pose is off there.
-        weight: (m, 3) information xx, xy, yy about that, per work px^2.
-    """
-
-    rows: Floats
-    inside: Bools
-    correlation: Floats
-    shift: Floats
-    weight: Floats
+    rows: Floats  # (m, 2, 8) derivatives of `shift` by the pose's error
+    inside: Bools  # (m,) whether each is whole in view; else the rest is 0
+    correlation: Floats  # (m,) with the camera's noise in the denominator
+    shift: Floats  # (m, 2) work px, by which the pose is off there
+    weight: Floats  # (m, 3) information xx, xy, yy about that, per work px^2
 
 
 def patch_noise(camera: float, stride: float) -> float:
