@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The six-jointed arm: its inverse kinematics, the twist that it makes, its limits, and what its camera does not see."""
 
+from __future__ import annotations
+
 import math
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
@@ -114,6 +116,7 @@ def test_rates_stay_small_where_two_axes_fall_together() -> None:
     assert np.abs(np.linalg.lstsq(J, twist, rcond=None)[0]).max() > 100.0 * serial.SPEED.max()
     joints[4] = 0.0  # its limits apart
     assert np.abs(joint_rates(J, twist, joints)).max() < serial.SPEED.max()
+
 
 
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="the physical world needs MuJoCo")
