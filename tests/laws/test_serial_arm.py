@@ -118,7 +118,6 @@ def test_rates_stay_small_where_two_axes_fall_together() -> None:
     assert np.abs(joint_rates(J, twist, joints)).max() < serial.SPEED.max()
 
 
-
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="the physical world needs MuJoCo")
 
 
