@@ -27,16 +27,9 @@ LATE = 12
 """Images by which a camera is late."""
 
 CAMERA = (
-    "freezes",
-    "freezes with noise",
-    "answers repeat",
-    "black",
-    "dark",
-    "other camera",
-    "drops out",
-    "late",
+    "freezes", "freezes with noise", "answers repeat", "black", "dark", "other camera", "drops out", "late",
     "out of order",
-)
+)  # fmt: skip
 FAILING = ("arm stands", "pose stuck", "arm drifts", "arm half", "arm runs on")
 CLOCK = ("hour ahead", "hour back", "time stands", "ms")
 FAULTS = ("nothing", "nothing", *CAMERA, *FAILING, *CLOCK)

@@ -218,15 +218,8 @@ FALSE: dict[str, False_] = {
     )
 }  # fmt: skip
 POSES = (
-    "pose stuck",
-    "pose stale",
-    "pose jump",
-    "pose moved",
-    "pose inverse",
-    "pose mm",
-    "pose nan",
-    "pose no rotation",
-)
+    "pose stuck", "pose stale", "pose jump", "pose moved", "pose inverse", "pose mm", "pose nan", "pose no rotation",
+)  # fmt: skip
 TIMES = ("time stands", "time back", "hour ahead", "hour back", "time late", "time nan", "ms")
 ARM = ("arm stands", "arm half", "arm drifts", "arm runs on")
 CALLS = ("pause", "hurry", "touched", "stopped", "closed early", "copied")

@@ -32,22 +32,12 @@ NOTICING = 0.3
 
 OVER = ("done", "empty", "failed")
 KINDS = (
-    "not finite",
-    "beyond the limits",
-    "undocumented exception",
-    "malformed, yet taken",
-    "closed on what is not new, seen and right",
-    "closed beside the grasp",
-    "moved without a new image",
-    "moved by images that do not follow the hand",
-    "moved though the arm does not follow",
-    "below the table",
-    "above the start",
-    "not over for ever, or not at rest",
-    "closed twice, or opened unasked",
-    "no reason in one line",
-    "nothing failed, and yet not done",
-)
+    "not finite", "beyond the limits", "undocumented exception", "malformed, yet taken",
+    "closed on what is not new, seen and right", "closed beside the grasp", "moved without a new image",
+    "moved by images that do not follow the hand", "moved though the arm does not follow", "below the table",
+    "above the start", "not over for ever, or not at rest", "closed twice, or opened unasked",
+    "no reason in one line", "nothing failed, and yet not done",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

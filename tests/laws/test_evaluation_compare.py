@@ -38,14 +38,8 @@ def test_a_run_is_no_worse_than_itself(folder: Path) -> None:
         row = summary.row(method)
         assert row is not None
         for key in (
-            "located_whole",
-            "tracked_visible",
-            "rms_px",
-            "median_px",
-            "p95_px",
-            "median_ms",
-            "recovery_frames",
-        ):
+            "located_whole", "tracked_visible", "rms_px", "median_px", "p95_px", "median_ms", "recovery_frames",
+        ):  # fmt: skip
             change = found.change(method, ALL, key)
             assert change is not None and change.a == change.b
             assert change.a == pytest.approx(getattr(row.measures, key))

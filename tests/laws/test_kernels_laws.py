@@ -151,28 +151,6 @@ def test_closure_agrees_with_a_linear_programme(grasp):
     assert (epsilon > 1e-9) == (math.atan(friction) > angle + 1e-8)
 
 
-@given(grasps(), st.floats(0.0, 1.0))
-def test_more_friction_never_hurts(grasp, more):
-    contacts, normals, friction = grasp
-    low, angle = kernels.force_closure(contacts, normals, 0.0, 0.0, 1.0, friction)
-    high, same = kernels.force_closure(contacts, normals, 0.0, 0.0, 1.0, friction + more)
-    assert angle == same
-    if low > 0:
-        assert high >= low - 1e-9
-
-
-@given(grasps(), st.floats(-3, 3), st.floats(0.1, 10))
-def test_unchanged_by_similarities(grasp, turn, scale):
-    contacts, normals, friction = grasp
-    c, s = math.cos(turn), math.sin(turn)
-    R = np.array([[c, s], [-s, c]])
-    a = kernels.force_closure(contacts, normals, 0.0, 0.0, 1.0, friction)
-    b = kernels.force_closure(scale * contacts @ R, normals @ R, 0.0, 0.0, scale, friction)
-    assert b[1] == pytest.approx(a[1], abs=1e-8)
-    # Forces are measured with a round ball: turning the axes does not change it.
-    assert b[0] == pytest.approx(a[0], abs=1e-9)
-
-
 def test_two_fingers_exactly():
     contacts = np.array([[-1.0, 0.0], [1.0, 0.3]])
     squeeze, spread = np.array([[1.0, 0], [-1, 0]]), np.array([[-1.0, 0], [1, 0]])

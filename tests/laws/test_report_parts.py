@@ -89,19 +89,8 @@ def test_a_line_breaks_where_there_is_no_value() -> None:
 
 def test_every_method_has_a_line_of_its_own() -> None:
     names = [
-        "auto",
-        "rrp",
-        "grasp-line",
-        "homography",
-        "ecc",
-        "klt",
-        "sift",
-        "otsu",
-        "visp",
-        "paper-rrp",
-        "new",
-        "newer",
-    ]
+        "auto", "rrp", "grasp-line", "homography", "ecc", "klt", "sift", "otsu", "visp", "paper-rrp", "new", "newer",
+    ]  # fmt: skip
     found = series_palette(names)
     assert list(found) == names
     assert len({(s.light, s.dash) for s in found.values()}) == len(names)

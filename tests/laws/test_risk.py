@@ -146,7 +146,8 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("risk", [0.0, 1.0, -0.1, math.nan])
 def test_every_verb_refuses_it_in_one_line(risk: float, images: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for verb in (["track", str(images)], ["inspect", str(images / "0.png")], ["evaluate", "scenes"]):
+    two = [str(images / "0.png"), str(images / "1.png")]
+    for verb in (["track", str(images)], ["inspect", two[0]], ["transfer", *two], ["evaluate", "scenes"]):
         assert main([*verb, "--risk", str(risk), "--output", str(images / "out")]) == 2
         (line,) = capsys.readouterr().err.strip().splitlines()
         assert "--risk must be a probability between 0 and 1" in line and f"not {risk:g}" in line

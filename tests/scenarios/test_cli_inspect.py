@@ -38,17 +38,8 @@ def test_the_table_and_both_files(tmp_path: Path, capsys: pytest.CaptureFixture[
     said = capsys.readouterr()
     assert said.err == "" and said.out.startswith("GOOD, --strategy auto")
     for row in (
-        "object",
-        "contrast",
-        "edges",
-        "motions",
-        "symmetry",
-        "peaks",
-        "grasp-line",
-        "grasp",
-        "error",
-        "located",
-    ):
+        "object", "contrast", "edges", "motions", "symmetry", "peaks", "grasp-line", "grasp", "error", "located",
+    ):  # fmt: skip
         assert re.search(rf"^ {row} ", said.out, re.MULTILINE), row
     assert re.search(
         r"Expected: located in \d+ to 100 % of frames, contacts [\d.]+ to [\d.]+ px off \(95 %\)", said.out

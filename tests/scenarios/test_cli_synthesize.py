@@ -52,18 +52,8 @@ def test_the_table_and_both_files(tmp_path: Path, capsys: pytest.CaptureFixture[
     said = capsys.readouterr()
     assert said.err == "" and "grasps.json" in said.out and "grasps.png" in said.out
     for head in (
-        "contacts",
-        "kind",
-        "opening",
-        "quality",
-        "closure",
-        "centre",
-        "flat",
-        "room",
-        "span",
-        "margin",
-        "slip",
-    ):
+        "contacts", "kind", "opening", "quality", "closure", "centre", "flat", "room", "span", "margin", "slip",
+    ):  # fmt: skip
         assert head in said.out
     assert "squeeze" in said.out and "…" not in said.out and " mm" not in said.out
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["grasps.json", "grasps.png"]

@@ -93,12 +93,6 @@ def test_another_object_and_a_plain_disc_are_refused(tmp_path: Path, capsys: pyt
     assert all(o["reason"] for o in told["outcomes"])
 
 
-@pytest.mark.parametrize("risk", ["0", "1", "nan"])
-def test_a_risk_that_is_none(risk: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["transfer", "a.png", "b.png", "--risk", risk, "--output", str(tmp_path)]) == 2
-    assert "--risk must be a probability between 0 and 1" in capsys.readouterr().err
-
-
 @pytest.mark.sampled(1)
 @pytest.mark.skipif(not (DATA / "stills").is_dir(), reason="needs the folder of real stills")
 @pytest.mark.parametrize("key", ["100,105", "233,112", "410,215", "320,290", "140,430"])

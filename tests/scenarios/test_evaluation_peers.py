@@ -31,15 +31,9 @@ from grasptrack_bench.simulation import SHAPES, Conditions, Pinhole, Scene, Scen
 
 SIZE = (400, 300)
 BOUNDS = {
-    "ecc": 0.1,
-    "klt": 1.5,
-    "sift": 6.0,
-    "otsu": 0.6,
-    "visp": 0.1,
-    "paper-rrp": 2.5,
-    "paper-grasp-line": 2.0,
+    "ecc": 0.1, "klt": 1.5, "sift": 6.0, "otsu": 0.6, "visp": 0.1, "paper-rrp": 2.5, "paper-grasp-line": 2.0,
     "paper-homography": 6.0,
-}
+}  # fmt: skip
 """px, the largest error on the easy sequence: about twice what was seen."""
 HERE = sorted(available_baselines())
 FIRST_OF_ALL = ("ecc", "klt", "sift")

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What goes wrong around a servo: cameras that hang, answers given twice, clocks that jump, arms that stand, empty hands."""
 
+import copy
 import runpy
 from collections.abc import Callable
 from dataclasses import replace
@@ -255,6 +256,9 @@ def test_what_the_gripper_reports_tells_whether_it_holds_the_part() -> None:
     servo = gt.GraspServo(bench.goal())
     until(bench, servo, lambda c: c.close)
     width = float(np.linalg.norm(bench.shape[1] - bench.shape[0]))
+    other = copy.deepcopy(servo)
+    other.closed(False)
+    assert other.over and other.update(LOST, time=bench.time + 1.0, pose=bench.hand).state == other.state == "failed"
     with pytest.raises(gt.InputError, match="needs to be told"):
         servo.closed()
     with pytest.raises(gt.InputError, match="0 or more"):

@@ -330,18 +330,6 @@ def test_without_a_first_grasp_it_waits_and_gives_up() -> None:
         assert command.state == ("searching" if i * PERIOD <= 1.0 else "failed")
 
 
-def test_what_came_of_closing_ends_it() -> None:
-    for held, state in ((True, "done"), (False, "failed")):
-        bench = Bench(seed=1)
-        servo = servo_for(bench)
-        while not (command := servo.update(bench.result(), time=bench.time, pose=bench.hand)).close:
-            bench.move(command.twist)
-        servo.closed(held)
-        assert servo.state == state and servo.over
-        command = servo.update(bench.result(), time=bench.time + 1.0, pose=bench.hand)
-        assert command.state == state and not command.close
-
-
 def test_a_camera_that_does_not_move_with_the_hand_is_told() -> None:
     bench = Bench(seed=3)
     servo = servo_for(bench)
@@ -353,16 +341,6 @@ def test_a_camera_that_does_not_move_with_the_hand_is_told() -> None:
         if servo.over:
             break
     assert servo.state == "failed" and "do not show" in servo.reason
-
-
-def test_another_number_of_contacts_ends_it() -> None:
-    bench = Bench(seed=0)
-    servo = servo_for(bench)
-    for _ in range(12):
-        bench.move(servo.update(bench.result(), time=bench.time, pose=bench.hand).twist)
-    other = replace(Bench(seed=0, fingers=3).result(), frame=99, time=9.0)
-    command = servo.update(other, time=bench.time, pose=bench.hand)
-    assert command.state == "failed" and command.reason == "the goal has 2 points and the grasp 3 contacts"
 
 
 def test_a_hand_that_touches_before_it_closes_has_failed() -> None:

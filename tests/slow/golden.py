@@ -31,12 +31,8 @@ WRONG = "false_accepts"
 BETTER = {"located_whole": 1, "located_partly": 1, "false_accepts": -1, "median_px": -1, "p95_px": -1}
 """Fields of `Measures` that are held, and the direction in which each gets better."""
 LEAST_NOISE = {
-    "located_whole": 0.002,
-    "located_partly": 0.005,
-    "false_accepts": 0.0,
-    "median_px": 0.003,
-    "p95_px": 0.02,
-}
+    "located_whole": 0.002, "located_partly": 0.005, "false_accepts": 0.0, "median_px": 0.003, "p95_px": 0.02,
+}  # fmt: skip
 """Below these, versions of OpenCV and processors differ."""
 
 Scores = dict[str, dict[str, float]]

@@ -22,13 +22,8 @@ from reference.checks import check_arc, check_indices, check_outline, check_size
 from reference.geometry import nearest_crossings, polygon_moments
 
 __all__ = [
-    "best_quadrilateral",
-    "carry_grasp_line",
-    "grasp_line",
-    "match_curvature",
-    "refine_contacts",
-    "select_points",
-]
+    "best_quadrilateral", "carry_grasp_line", "grasp_line", "match_curvature", "refine_contacts", "select_points",
+]  # fmt: skip
 
 
 # --- Peaks of curvature, and the four of them that fix a homography best (Section IV-C) -----
