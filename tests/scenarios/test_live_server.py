@@ -32,7 +32,7 @@ from grasptrack.live.guard import Guard  # noqa: E402
 from grasptrack.live.server import MOST_CLIENTS, PAGE, PageServer  # noqa: E402
 from grasptrack.live.session import LiveSession  # noqa: E402
 from recordings import movie, plate, plates, rows  # noqa: E402
-from watched import FedCamera, plate_session, reached, session_on, threads_left, threads_of_ours, until  # noqa: E402
+from watched import camera_session, plate_session, reached, threads_left, threads_of_ours, until  # noqa: E402
 
 
 @contextmanager
@@ -287,9 +287,7 @@ def test_hosts_that_a_guard_knows() -> None:
 
 
 def test_a_browser_that_never_draws_slows_nobody_and_gets_the_newest_when_it_does(tmp_path: Path) -> None:
-    camera = FedCamera()
-    camera.images.put(plate())
-    with session_on(camera, tmp_path, at_once=True) as session:
+    with camera_session(tmp_path, plate(), at_once=True) as (session, camera):
         reached(session, "tracking", image=1)
         with served(session) as server, open_socket(server) as slow:
             numbers = []
