@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.transfer import STRATEGIES, grasp_line, transfer
+from grasptrack.transfer import STRATEGIES, transfer
 from grasptrack_bench.metrics.errors import ErrorMeasure
 from reference.homography import homography_4
 from research.paper import footage as footages
@@ -115,19 +115,6 @@ def test_the_homography_is_exact_on_contours_made_by_one(name, seed):
     corners = tilted.part.reference.points[::60]
     moved, true = (np.column_stack([corners, np.ones(len(corners))]) @ H.T for H in (found.homography, tilted.H[-1]))
     np.testing.assert_allclose(moved[:, :2] / moved[:, 2:], true[:, :2] / true[:, 2:], atol=1e-7)
-
-
-@given(objects, st.sampled_from(["corresponding", "resampled"]), seeds)
-def test_grasp_line_coordinates_stay_the_same_in_four_dof(name, kind, seed):
-    """Table IV: over the root of the area, for the paper's form changes with scale."""
-    still = footage(name, kind, "4 DoF", seed)
-    before = grasp_line.describe(Grasp(still.on_silhouette), still.silhouettes[0])
-    for view in still.silhouettes[1:]:
-        after = grasp_line.describe(
-            transfer(Grasp(still.on_silhouette), still.silhouettes[0], view, "grasp-line").grasp, view
-        )
-        # contacts end on the outline, and one that is sampled anew runs a little within the first at its bends
-        np.testing.assert_allclose(after[:4], before[:4], atol=1e-9 if kind == "corresponding" else 2e-4)
 
 
 @given(objects, seeds)

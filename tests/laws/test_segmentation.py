@@ -161,12 +161,6 @@ def test_low_contrast_and_strong_noise() -> None:
     assert np.sqrt(np.mean(distances(view.outer.points, truth) ** 2)) < 0.5
 
 
-def test_the_same_image_gives_the_same_outlines() -> None:
-    image = photo([(GASKET, pose())])
-    a, b = segment_object(image), segment_object(image)
-    assert np.array_equal(a.points, b.points)
-
-
 def test_otsu_separates_two_levels() -> None:
     histogram = np.zeros(256)
     histogram[[50, 180]] = 900, 100

@@ -51,8 +51,8 @@ def _approach(law: str, retries: int, dof: int) -> dict[str, bytes]:
         here["closing"] = command.close
         trial.waits = None
         for moment, now in here.items():
-            if now:
-                kept.setdefault(moment, pickle.dumps(trial))
+            if now and moment not in kept:
+                kept[moment] = pickle.dumps(trial)
         if command.close:
             break
     assert set(kept) == set(MOMENTS)

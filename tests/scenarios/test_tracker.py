@@ -229,21 +229,6 @@ def test_every_kind_of_image_gives_the_answer_of_its_grey_one() -> None:
             assert np.array_equal(a.contacts, b.contacts), name  # type: ignore[arg-type]
 
 
-def test_the_image_is_not_changed() -> None:
-    image = IMAGES[0].copy()
-    track([image, image])
-    assert np.array_equal(image, IMAGES[0])
-
-
-def test_times_are_passed_through() -> None:
-    tracker = GraspTracker()
-    assert [tracker.update(i, time=t).time for i, t in zip(IMAGES, (None, 0.5, 0.75), strict=False)] == [
-        None,
-        0.5,
-        0.75,
-    ]
-
-
 def test_masks_take_the_images_place() -> None:
     run = Run()
     noise = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH), dtype=np.uint8)
