@@ -104,6 +104,7 @@ def test_real_benches_under_another_light_and_from_beside() -> None:
     assert not missed
 
 
+@pytest.mark.slow
 def test_a_lens_is_taken_out_of_both_pictures() -> None:
     camera = Camera(np.array([[600.0, 0.0, 319.5], [0.0, 600.0, 239.5], [0.0, 0.0, 1.0]]), (-0.2, 0.03, 0.0, 0.0))
     image = photographed(laid(BENCH, PLATE, DULL), 2)

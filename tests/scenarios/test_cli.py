@@ -47,7 +47,7 @@ def test_without_a_grasp_every_frame_says_why(tmp_path: Path) -> None:
     assert all(r["reason"].startswith("no stable grasp: too wide for the opening of 9 px: the narrow") for r in found)
 
 
-@pytest.mark.whole
+@pytest.mark.whole("write_summary")
 def test_track_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert main(["track", str(plates(tmp_path / "in")), "--output", str(out), "--fps", "20"]) == 0

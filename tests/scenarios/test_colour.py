@@ -65,7 +65,7 @@ def test_light_that_changes_slowly_is_followed(surface: str) -> None:
     run.check(11)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("strategy", ["auto", "rrp"])
 @pytest.mark.parametrize("surface", SURFACES)
 @pytest.mark.parametrize(

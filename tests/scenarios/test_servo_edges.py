@@ -14,6 +14,7 @@ import pytest
 
 import grasptrack as gt
 from servo_bench import PERIOD, Bench
+from setup_errors import try_right, try_wrong
 
 LOST = gt.TrackResult(0, None, "lost", "the camera is dead")
 
@@ -281,3 +282,14 @@ def test_a_hand_goes_back_the_way_it_came() -> None:
     while step(bench, servo).state == "retreating":
         assert min(np.linalg.norm(np.array(came) - bench.hand[:3, 3], axis=1)) < 0.006
     assert np.linalg.norm(bench.hand[:3, 3] - came[-1]) > 0.9 * servo.standoff
+
+
+@pytest.mark.parametrize("kind", ["twist in the base's frame", "dof=4 on a tilted part"])
+def test_an_error_of_the_set_up_is_named_soon(kind: str) -> None:
+    found = try_wrong(kind, 0)
+    assert found.names(kind), found
+
+
+def test_a_set_up_that_is_right_is_not_refused() -> None:
+    found = try_right(0)
+    assert not found.refused and found.near, found

@@ -41,7 +41,7 @@ def within(bench: Bench, along_m: float = 4e-3) -> bool:
 # --- convergence ------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "what",
     [
@@ -175,7 +175,7 @@ def test_what_cannot_be_compared_does_no_harm() -> None:
 # --- limits -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("what", [{"belt": 320.0, "outliers": 0.4}, {"dof": 6}, {"blackout": (1.0, 99.0)}])
 def test_limits_hold_throughout(what: dict[str, object]) -> None:
     bench = Bench(seed=2, **what)  # type: ignore[arg-type]
