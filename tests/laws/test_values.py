@@ -58,10 +58,12 @@ def test_a_tracker_knows_no_buffer_of_its_callers() -> None:
     grey = [image if image.ndim == 2 else image[:, :, 1] for image in IMAGES]
     apart, reused = gt.GraspTracker(), gt.GraspTracker()
     buffer = np.empty_like(grey[0])
-    for image in grey:
-        mine = apart.update(image.copy())
+    for k, image in enumerate(grey):
+        time = 0.25 * k if k else None
+        mine = apart.update(image.copy(), time)
         buffer[:] = image
-        assert reused.update(buffer) == mine and np.array_equal(buffer, image)
+        assert reused.update(buffer, time) == mine and mine.time == time
+        assert np.array_equal(buffer, image)  # nor changes it
         buffer[:] = 0
 
 
