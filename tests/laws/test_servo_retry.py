@@ -96,12 +96,10 @@ def test_a_tilt_is_looked_for_only_where_the_exploratory_moves_are_among_the_sig
     assert begun and max(begun) == min(begun) < 0.2
 
 
-if find_spec("mujoco") is None:
-    pytest.skip("the physical world needs MuJoCo", allow_module_level=True)
-
-
 def told(shift: tuple[float, float], chosen_off: float = 0.0) -> Row:
     """A row of a closing whose contacts lie `shift` px from the chosen ones, which lie so many sqrt(area) off the outline."""
+    if find_spec("mujoco") is None:
+        pytest.skip("the physical world needs MuJoCo")
     from grasptrack_bench.physics import World
 
     world, row = World(SHAPES["bracket"](), seed=3, images="planar"), Row(3, "bracket", "static", "gantry", "online")
