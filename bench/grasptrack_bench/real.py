@@ -6,7 +6,6 @@ Which object of a video is meant, and where it is, stands in `scenes.csv` beside
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,7 +27,7 @@ from grasptrack.typing import Floats
 from grasptrack_bench.method import MethodFrame, MethodStart, score_sequence
 from grasptrack_bench.methods import method_makers
 from grasptrack_bench.metrics.score import FrameScore, Truth
-from grasptrack_bench.records import read_homographies
+from grasptrack_bench.records import read_homographies, read_rows
 
 Given = Literal["pixel", "quad", "nothing"]
 """What is told of the object before the first image: a pixel of it, its quadrilateral, or nothing."""
@@ -64,13 +63,8 @@ def read_scenes(path: Path) -> dict[str, Known]:
     Raises:
         InputError: an unreadable file, missing columns, a name twice, or what is no pixel or no quadrilateral.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f'cannot read the scenes "{path}": {error}', path=str(path)) from error
     found: dict[str, Known] = {}
-    for number, row in enumerate(rows, start=2):
+    for number, row in enumerate(read_rows(path, "scenes"), start=2):
         try:
             name = row["name"]
             (pixel,), quad = _parse_points(row["object"], 1), _parse_points(row["quad"], 4)

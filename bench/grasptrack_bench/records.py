@@ -111,19 +111,31 @@ def _parse_frames(head: list[str], rows: list[list[str]]) -> dict[str, list[Fram
 _ENTRIES = [f"h{row}{column}" for row in "123" for column in "123"]
 
 
+def read_rows(path: Path, what: str) -> list[dict[str, str]]:
+    """The rows of a table by its columns.
+
+    Args:
+        path: the table.
+        what: it holds, for the message.
+
+    Raises:
+        InputError: missing or unreadable file.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f'cannot read the {what} "{path}": {error}', path=str(path)) from error
+
+
 def read_homographies(path: Path) -> dict[int, Floats]:
     """H_current_reference (3, 3) by frame, from a table with the columns frame, h11 ... h33; others are passed over.
 
     Raises:
         InputError: missing or unreadable file, missing columns, or an entry that is no number.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f'cannot read the homographies "{path}": {error}', path=str(path)) from error
     table: dict[int, Floats] = {}
-    for number, row in enumerate(rows, start=2):
+    for number, row in enumerate(read_rows(path, "homographies"), start=2):
         try:
             H = np.array([float(row[name]) for name in _ENTRIES]).reshape(3, 3)
             table[int(row["frame"])] = H

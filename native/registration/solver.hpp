@@ -203,9 +203,24 @@ class Solver {
             const PatchSet &set = target_.texture[level];
             for (const Patch &patch : set.patches) {
                 rows.push_back({&patch, match_patch(pyramid_, G, patch, seen_at({patch.x, patch.y}, patch.rows), set.stride, target_.noise, numbers_.texture_floor * set.stride)});
+                PatchMatch &match = rows.back().match;
+                if (match.inside && stands_still(G, patch, match.correlation, set.stride)) match.inside = false;
             }
         }
         return rows;
+    }
+
+    // Whether the image shows a patch where the first view had it, though the object has moved on: dirt on the lens, a bezel, print
+    // of the camera's own. What does not lie where the pose has it, or lies there because the object turned about it, is asked.
+    bool stands_still(const Homography &G, const Patch &patch, double correlation, double stride) const {
+        constexpr double least = 1.0, share = 0.25;  // px that the object's middle has moved, and of that what stands still
+        const auto moved = [&](double x, double y) {
+            const Point here = carried(G, x, y), first = carried(target_.A, x, y);
+            return std::hypot(here.x - first.x, here.y - first.y);
+        };
+        const double way = moved(target_.cx, target_.cy);
+        if (!(way > least) || (correlation > agreeing && moved(patch.x, patch.y) > share * way)) return false;
+        return match_patch(pyramid_, target_.A, patch, {patch.x, patch.y}, stride, target_.noise, 0.0).correlation > agreeing;
     }
 
     // Coarse to fine on the texture, before edges are looked at: their candidates are many, its valley is wide.

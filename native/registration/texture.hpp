@@ -290,6 +290,8 @@ inline void share_error(TextureFit &fit, const Vector<8> &variances) {
     for (std::size_t k = 0; k < 8; ++k) fit.gradient[k] -= less[k];
 }
 
+constexpr double agreeing = 0.5;  // correlation of what shows the same
+
 // A patch with what it says.
 struct PatchRow {
     const Patch *patch;
@@ -353,14 +355,14 @@ GRASPTRACK_WIDE inline TextureFit fit_patches(const std::vector<PatchRow> &patch
             sorted.push_back(distance[i]);
         }
         scale = std::max(1.0, middle(sorted) / 1.386);  // the median of chi-squared with 2 degrees
-        double agreeing = 0;
+        double alike = 0;
         for (std::size_t i = 0; i < n; ++i) {
             if (!patches[i].match.inside) continue;
             const double m2 = distance[i] / scale;
             fit.weight[i] = (numbers.freedom + 2) / (numbers.freedom + m2);
-            agreeing += m2 < 9.0 && patches[i].match.correlation > 0.5;
+            alike += m2 < 9.0 && patches[i].match.correlation > agreeing;
         }
-        fit.agreeing = agreeing / static_cast<double>(n);
+        fit.agreeing = alike / static_cast<double>(n);
         fit.spread = std::sqrt(scale);
     }
     return fit;

@@ -134,11 +134,13 @@ def ingredients(seed: int, n: int, numbers: dict[str, float], textured: bool = T
     ]  # fmt: skip
 
 
-def target(module: Any, seed: int, n: int = 80, *, textured: bool = True, **numbers: float) -> Any:
-    """A target of a module's class."""
+def target(
+    module: Any, seed: int, n: int = 80, *, textured: bool = True, shown: list[Grey] | None = None, **numbers: float
+) -> Any:
+    """A target of a module's class, with the surface that a first image shows; None takes it as it is drawn."""
     made = module.PoseTarget(*ingredients(seed, n, numbers, textured))
     rng = np.random.default_rng(seed)
-    levels = pyramid(draw(A, seed, textured=textured))
+    levels = shown or pyramid(draw(A, seed, textured=textured))
     for stride in (1.0, 2.0, 4.0):
         made.add_texture(levels, np.round(CENTRE + rng.uniform(-18.0, 18.0, (30, 2))), stride)
     return made

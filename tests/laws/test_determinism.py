@@ -20,7 +20,7 @@ from grasptrack.view.style import text_width, put_text
 
 def written(k):
     picture = np.zeros((60, 400, 3), np.uint8)
-    put_text(picture, f"{k} lines of text", 5, 40, 9 + k % 30, (255, 255, 255), bold=bool(k % 2))
+    put_text(picture, f"{k} lines of text", (5, 40), 9 + k % 30, (255, 255, 255), bold=bool(k % 2))
     return picture
 
 alone = [written(k) for k in range(200)]

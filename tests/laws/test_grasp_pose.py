@@ -10,10 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import grasptrack as gt
 from grasptrack.servo.camera import HandCamera, apply_twist, pose_of, rotation_matrix, rotation_vector
 from grasptrack.servo.estimate import Estimate, Origin, Prior, Search, refine_estimate
-from grasptrack.servo.grasp_pose import GraspPose, grasp_pose, tips_to_contacts
+from grasptrack.servo.grasp_pose import GraspPose, grasp_pose
 from grasptrack.servo.model import PLACE, POSE, SHAPE, SPEED, Placed, pack_state, retract_state
 from grasptrack.servo.observation import Observation
 from grasptrack.servo.trust import Trust, lasting_covariance
@@ -66,24 +65,6 @@ def test_covariances_of_a_grasp_follow_its_derivatives(seed: int, dof: int, k: i
         assert np.allclose(found.contact_covariance[i], J @ known.covariance @ J.T, rtol=1e-4, atol=1e-12)
     J = slopes(known, lambda e: np.array([grasp_pose(e, k, hand, e.time, dof).opening]))
     assert found.opening_sd == pytest.approx(float(np.sqrt((J @ known.covariance @ J.T)[0, 0])), rel=1e-4)
-
-
-@given(seed=SEEDS, taught=st.booleans(), beyond=st.floats(-0.01, 0.01))
-def test_the_covariance_of_the_way_of_the_fingertips_follows_its_derivatives(
-    seed: int, taught: bool, beyond: float
-) -> None:
-    known, hand = scene(seed)
-    pixels = known.camera.project(known.in_hand(hand)[:2]) + np.random.default_rng(seed).normal(0.0, 20.0, (2, 2))
-    goal = gt.Goal.taught(pixels) if taught else gt.Goal.fingertips(pixels, 0.08, beyond_m=beyond)
-    found = tips_to_contacts(known, 2, goal, hand, known.time)
-
-    def vector(e: Estimate) -> np.ndarray:
-        return tips_to_contacts(e, 2, goal, hand, e.time).vector
-
-    J = slopes(known, vector)
-    assert np.allclose(found.covariance, J @ known.covariance @ J.T, rtol=1e-4, atol=1e-12)
-    right = goal.targets(known.camera, known.plane_points()[:2], (0, 1)).mean(axis=0)
-    assert np.allclose(found.vector, known.in_hand(hand)[:2].mean(axis=0) - right, atol=1e-9)
 
 
 @given(seed=SEEDS, dof=st.sampled_from([4, 6]), k=st.sampled_from([2, 3]))

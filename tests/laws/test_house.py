@@ -11,30 +11,30 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 37_640,
+    "src/grasptrack": 37_505,
     "src/grasptrack/tracking": 6_660,
-    "src/grasptrack/servo": 4_940,
-    "src/grasptrack/io": 4_835,
-    "src/grasptrack/segmentation": 3_835,
-    "src/grasptrack/cli": 2_740,
-    "src/grasptrack/live": 2_280,
-    "src/grasptrack/view": 2_020,
-    "src/grasptrack/trackability": 2_015,
-    "src/grasptrack/grasp": 1_910,
-    "bench": 15_265,
-    "research": 8_825,
+    "src/grasptrack/servo": 4_865,
+    "src/grasptrack/io": 4_825,
+    "src/grasptrack/segmentation": 3_830,
+    "src/grasptrack/cli": 2_730,
+    "src/grasptrack/live": 2_275,
+    "src/grasptrack/view": 1_985,
+    "src/grasptrack/trackability": 2_010,
+    "src/grasptrack/grasp": 1_905,
+    "bench": 15_245,
+    "research": 8_815,
     "native": 6_870,
-    "tests": 39_789,
+    "tests": 39_851,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
-MODULES = 195
+MODULES = 192
 SAME_NAMES = 0
 """Names that more than one class has."""
 NAMED = ("tracking", "segmentation")
 """Packages in whose functions each decimal number carries a name."""
-ONE_WORD = 0.35
+ONE_WORD = 0.16
 """Share of functions whose name is one word."""
-WIDE = 18
+WIDE = 14
 """Functions of the wheel with more than six parameters, those at its edge included."""
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import grasptrack as gt
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.servo import law
 from grasptrack.servo.camera import (
     HandCamera,
     apply_twist,
@@ -178,7 +179,9 @@ def test_errors_fall_at_the_rate_of_the_gain(seed: int, dof: int) -> None:
     rng = np.random.default_rng(seed)
     J = np.eye(6)[[0, 1, 2, 5] if dof == 4 else list(range(6))] + 0.1 * rng.normal(size=(dof, 6))
     error, gain = 0.1 * rng.normal(size=dof), gt.Gain()
-    twist = twist_for(error, J, np.eye(dof) * 1e-8, dof=dof, length=1.0, gain=gain, damping=1e-6)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(law, "DAMPING", 1e-6)
+        twist = twist_for(error, J, np.eye(dof) * 1e-8, dof=dof, length=1.0, gain=gain)
     rate = gain.at(float(np.linalg.norm(error)))
     J_used = J if dof == 6 else J * [1, 1, 1, 0, 0, 1]
     assert np.abs(J_used @ twist + rate * error).max() < 1e-5

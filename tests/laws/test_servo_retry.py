@@ -14,8 +14,8 @@ import pytest
 import grasptrack as gt
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
+from grasptrack.servo.first_estimate import TiltCheck, TiltEstimate
 from grasptrack.servo.observation import Observation
-from grasptrack.servo.setup_check import TiltCheck, TiltEstimate
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack_bench.approach.case import Row
 from grasptrack_bench.approach.choosing import closing_grasps, hand_for

@@ -15,7 +15,7 @@ from grasptrack.geometry.contours import Contour, as_view
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.grasp.synthesis.candidates import GROUP, GROUPS, sample_candidates, stable_pairs
 from grasptrack.grasp.synthesis.limits import UnevennessLimits, reject_infeasible
-from grasptrack.grasp.synthesis.search import duplicate_radius, find_grasps
+from grasptrack.grasp.synthesis.search import AskedGrasps, duplicate_radius, find_grasps
 from outlines import blobs, stars
 from synthesis_shapes import SHAPES, traced
 
@@ -38,7 +38,7 @@ def missing(view, friction, *, narrow=True):
     stretch = sum(c.length for c in view.contours) / GROUPS
     if not narrow:
         pairs = pairs[firm(view, 200, 0.1 * size, friction, pairs, stretch / GROUP)]
-    found = find_grasps(view, 2, friction, ALL, THIN, (), NO_LIMITS)
+    found = find_grasps(view, AskedGrasps(2, friction, ALL), THIN, (), NO_LIMITS)
     held = np.array([g.contacts for g in found]).reshape(-1, 2, 2)
     far = 0
     for pair in contacts[pairs]:

@@ -107,10 +107,10 @@ def test_levels_are_those_of_an_outline_of_the_image_at_hand() -> None:
     observer.choose_object(candidate)
     lighter = np.clip(scene[1].image.astype(int) + 20, 0, 255).astype(np.uint8)
     (view, *_) = next(observer.views_anywhere(observer.set_image(lighter), candidate.view.outer.area, 0))
-    before = observer.grey_levels
+    before = observer._inside, observer._outside
     observer.set_image(scene[2].image)
     observer.learn_levels(view)
-    assert observer.grey_levels == before
+    assert (observer._inside, observer._outside) == before
     (view, *_) = next(observer.views_anywhere(observer.set_image(lighter), candidate.view.outer.area, 0))
     observer.learn_levels(view)
-    assert observer.grey_levels[0] > before[0] + 2.0 and observer.grey_levels[1] > before[1] + 2.0
+    assert observer._inside > before[0] + 2.0 and observer._outside > before[1] + 2.0

@@ -159,7 +159,7 @@ def test_marks_leave_what_lies_below_a_contact_visible(count: int) -> None:
     figure.canvas.draw()
     before = np.asarray(figure.canvas.buffer_rgba()).copy()
     for mark, size in [*pair._MARKS.values(), pair._OTHER[0], ("o", pair._REFERENCE)]:
-        pair._draw_grasp(axes, contacts, "#ff0000", mark, size)
+        pair._draw_open_marks(axes, contacts, "#ff0000", mark, size)
     figure.canvas.draw()
     after = np.asarray(figure.canvas.buffer_rgba())
     assert (after != before).any(axis=2).sum() > 1000

@@ -20,7 +20,7 @@ from scipy.stats import binom
 import grasptrack as gt
 from grasptrack.servo.camera import HandCamera, rotation_matrix
 from grasptrack.servo.estimate import Estimate
-from grasptrack.servo.grasp_pose import GraspPose, grasp_pose, tips_to_contacts
+from grasptrack.servo.grasp_pose import GraspPose, grasp_pose
 from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.trust import DriftAlarm, Trust
 from grasptrack_bench.approach import trial
@@ -44,10 +44,8 @@ class Watched:
         self._seen: set[str] = set()
         self._restarts = 0
 
-    def step(
-        self, command: gt.Command, hand: np.ndarray, contacts: np.ndarray, camera: HandEye, tips: np.ndarray
-    ) -> None:
-        """One command, and the truth: contacts (k, 3) m in the base, the camera, fingertips (k, 3) m in the hand."""
+    def step(self, command: gt.Command, hand: np.ndarray, contacts: np.ndarray, camera: HandEye) -> None:
+        """One command, and the truth: contacts (k, 3) m in the base, the camera."""
         known = self._servo._known
         if known.restarts != self._restarts:
             self._trust, self._restarts = Trust(), known.restarts
@@ -61,12 +59,10 @@ class Watched:
             now.add(MOMENTS[2])
         for moment in now - self._seen:
             self._seen.add(moment)
-            self._compare(moment, told, hand, contacts, camera, tips)
+            self._compare(moment, told, hand, contacts, camera)
 
-    def _compare(
-        self, moment: str, told: Estimate, hand: np.ndarray, contacts: np.ndarray, camera: HandEye, tips: np.ndarray
-    ) -> None:
-        k, dof, goal, time = len(contacts), self._servo.dof, self._servo.goal, self._servo._clock.now
+    def _compare(self, moment: str, told: Estimate, hand: np.ndarray, contacts: np.ndarray, camera: HandEye) -> None:
+        k, dof, time = len(contacts), self._servo.dof, self._servo._clock._now
         pose = grasp_pose(told, k, hand, time, dof)
         off = contacts - pose.contacts
         self._note(moment, "contacts", off.mean(axis=0), pose.covariance[:3, :3])
@@ -79,9 +75,6 @@ class Watched:
         turned = np.cross(pose.closing, closing_of(contacts, pose)) @ pose.approach
         about = pose.approach @ pose.covariance[3:, 3:] @ pose.approach
         self._note(moment, "turn", np.array([turned]), np.array([[about]]))
-        shift = tips_to_contacts(told, k, goal, hand, time)
-        truly = ((contacts - hand[:3, 3]) @ hand[:3, :3] - tips).mean(axis=0) + np.array([0.0, 0.0, goal.beyond])
-        self._note(moment, "tips", truly - shift.vector, shift.covariance)
         own = HandEye.from_estimate(told)
         self._note(moment, "camera", own.difference(camera), own.covariance)
 
@@ -143,7 +136,7 @@ def on_the_bench(what: dict[str, Any], seeds: range) -> Found:
         camera = HandEye(bench.camera.focal, bench.camera.centre, (640, 480), mounting, np.eye(7))
         while not servo.over and bench.time < 30.0:
             command = servo.update(bench.result(), time=bench.time, pose=bench.hand)
-            watched.step(command, bench.hand, bench.contacts(), camera, bench.tips)
+            watched.step(command, bench.hand, bench.contacts(), camera)
             if command.close:
                 break
             bench.move(command.twist)
@@ -177,9 +170,7 @@ def on_images(what: str, seed: int, count: int) -> Found:
         places = np.column_stack([at[:, 0], -at[:, 1], np.full(len(at), world.setting.part.thickness)])
         matrix = world.setting.camera.matrix
         camera = HandEye(float(matrix[0, 0]), matrix[:2, 2], (640, 480), world.setting.mount, np.eye(7))
-        watched[0].step(
-            step.command, world.pose(), places @ part[:3, :3].T + part[:3, 3], camera, world.hand.tips(world.opening())
-        )
+        watched[0].step(step.command, world.pose(), places @ part[:3, :3].T + part[:3, 3], camera)
 
     plain = trial.on_part
     with pytest.MonkeyPatch.context() as patch:
@@ -275,13 +266,13 @@ def show(name: str, found: Found) -> None:
     told = shares(found)
     for moment in MOMENTS:
         parts = []
-        for what in ("contacts", "worst contact", "across", "opening", "turn", "tips", "camera"):
+        for what in ("contacts", "worst contact", "across", "opening", "turn", "camera"):
             if (moment, what) in told:
                 rows = found[moment, what]
                 parts.append(
                     f"{what} {100 * told[moment, what][0]:.0f} % ({1e3 * np.median([r[2] for r in rows]):.2g})"
                 )
-        print(f"{name:22} {moment:16} n={told[moment, 'tips'][3]:3}  " + ", ".join(parts), flush=True)
+        print(f"{name:22} {moment:16} n={told[moment, 'contacts'][3]:3}  " + ", ".join(parts), flush=True)
 
 
 @pytest.mark.parametrize("what", KINEMATIC)

@@ -12,7 +12,7 @@ import numpy as np
 
 from grasptrack.typing import Floats, Pixels
 from grasptrack.view import style
-from grasptrack.view.draw import as_bgr, draw_disc, draw_overlay, draw_polyline
+from grasptrack.view.draw import Canvas, as_bgr, draw_overlay
 from grasptrack.view.style import Colour, create_figure, ellipsise_text, put_text, rgb_to_bgr, save_whole, text_width
 from grasptrack_bench.physics import World
 
@@ -75,28 +75,27 @@ def hold_result(picture: Pixels, row: Row) -> Pixels:
     wide, x = text_width(text, 19, bold=True) + 32, held.shape[1] // 2 + 14
     colour = style.STATUS_RGB["tracked"] if row.outcome == "lifted" else style.STATUS_RGB["lost"]
     cv2.rectangle(held, (x, 420), (x + wide, 464), rgb_to_bgr(colour), -1)
-    put_text(held, text, x + 16, 449, 19, style.DARK_RGB, bold=True)
+    put_text(held, text, (x + 16, 449), 19, style.DARK_RGB, bold=True)
     return held
 
 
 def _draw_goal(picture: Pixels, goal: Floats) -> None:
     for point in goal[np.isfinite(goal).all(axis=1)]:
-        draw_disc(picture, point, 11.0, style.DARK_RGB, 4.0)
-        draw_disc(picture, point, 11.0, _GOAL, 2.0)
+        Canvas(picture).draw_ring(point, 11.0, _GOAL, 2.0, casing=4.0)
 
 
 def _draw_title(picture: Pixels, text: str) -> None:
     wide = text_width(text, 14) + 20
     plate = picture[8:34, 8 : 8 + wide]
     plate[:] = (plate * 0.35).astype(np.uint8)
-    put_text(picture, text, 18, 26, 14, style.WHITE_RGB)
+    put_text(picture, text, (18, 26), 14, style.WHITE_RGB)
 
 
 def _draw_hand_view(step: Step) -> Pixels:
     """The hand's view at a step, with what the tracker said."""
     assert step.image is not None and step.result is not None
     view = draw_overlay(as_bgr(step.image), step.result)
-    put_text(view, f"{step.time:.2f} s", view.shape[1] - 70, 21, 15, style.INK_RGB)
+    put_text(view, f"{step.time:.2f} s", (view.shape[1] - 70, 21), 15, style.INK_RGB)
     return view
 
 
@@ -108,7 +107,7 @@ def render_final_png(world: World, step: Step, row: Row, seen: Step | None = Non
         picture = np.vstack([np.hstack([_draw_hand_view(seen), _draw_hand_view(missed)]), picture])
     head = _panel(_LINE, picture.shape[1])
     text = f"{row.shape}, {row.scenario}, seed {row.seed}: {row.outcome} after {row.time_s:.1f} s. {row.reason}"
-    put_text(head, ellipsise_text(text, head.shape[1] - 20, 15), 10, 21, 15, style.INK_RGB)
+    put_text(head, ellipsise_text(text, head.shape[1] - 20, 15), (10, 21), 15, style.INK_RGB)
     _, data = cv2.imencode(".png", np.vstack([head, picture]), [cv2.IMWRITE_PNG_COMPRESSION, 6])
     return data.tobytes()
 
@@ -120,7 +119,7 @@ def _panel(height: int, width: int) -> Pixels:
 def _blind_strip(width: int, stage: str) -> Pixels:
     """Below the image, where the tracker's strip would be: what the hand does without it."""
     strip = _panel(_STRIP, width)
-    put_text(strip, f"the hand {_BLIND.get(stage, 'looks')}", 10, 36, 14, style.MUTED_RGB)
+    put_text(strip, f"the hand {_BLIND.get(stage, 'looks')}", (10, 36), 14, style.MUTED_RGB)
     return strip
 
 
@@ -130,15 +129,15 @@ def _stages_strip(world: World, step: Step, width: int) -> Pixels:
     at = 10
     for stage in _STAGES:
         now = stage == step.stage
-        put_text(strip, stage, at, 24, 15, style.INK_RGB if now else style.MUTED_RGB, bold=now)
+        put_text(strip, stage, (at, 24), 15, style.INK_RGB if now else style.MUTED_RGB, bold=now)
         at += text_width(stage, 15, bold=now) + 14
         if stage != _STAGES[-1]:
-            put_text(strip, "›", at, 24, 15, style.RULE_RGB)
+            put_text(strip, "›", (at, 24), 15, style.RULE_RGB)
             at += 22
-    put_text(strip, f"{step.time:.2f} s", width - 74, 24, 15, style.INK_RGB)
+    put_text(strip, f"{step.time:.2f} s", (width - 74, 24), 15, style.INK_RGB)
     tips, part = 1e3 * world.pose()[2, 3], max(0.0, 1e3 * world.part_pose()[2, 3])
     put_text(
-        strip, f"above the table, in truth: fingertips {tips:.0f} mm, part {part:.0f} mm", 10, 47, 14, style.MUTED_RGB
+        strip, f"above the table, in truth: fingertips {tips:.0f} mm, part {part:.0f} mm", (10, 47), 14, style.MUTED_RGB
     )
     return strip
 
@@ -147,12 +146,12 @@ def _draw_status_line(step: Step, width: int) -> Pixels:
     line = _panel(_LINE, width)
     blind = step.command is None or step.stage in _BLIND
     state = step.stage if blind or step.command is None else step.command.state
-    put_text(line, state, 10, 21, 15, _STATES.get(state, style.MUTED_RGB), bold=True)
+    put_text(line, state, (10, 21), 15, _STATES.get(state, style.MUTED_RGB), bold=True)
     why = "" if blind or step.command is None else step.command.reason
-    put_text(line, ellipsise_text(why, width // 2 - 140, 14), 130, 21, 14, style.INK_RGB)
+    put_text(line, ellipsise_text(why, width // 2 - 140, 14), (130, 21), 14, style.INK_RGB)
     if not blind and step.command is not None and np.isfinite(step.command.error_px):
         figures = f"{step.command.error_px:.1f} px from the goal, {1e3 * step.command.height:.0f} mm to go"
-        put_text(line, figures, width // 2 + 10, 21, 14, style.MUTED_RGB)
+        put_text(line, figures, (width // 2 + 10, 21), 14, style.MUTED_RGB)
     return line
 
 
@@ -160,8 +159,7 @@ def _draw_legend(width: int) -> Pixels:
     """What the marks of the hand's view mean."""
     line = _panel(_LINE, width)
     line[0] = rgb_to_bgr(style.RULE_RGB)
-    middle, at = 15.0, 10
-    outline = np.array([[0.0, middle], [22.0, middle]])
+    canvas, at = Canvas(line), 10
     for mark, text in (
         ("outline", "outline as followed"),
         ("last", "where it was seen last"),
@@ -169,23 +167,17 @@ def _draw_legend(width: int) -> Pixels:
         ("hidden", "hidden contact"),
         ("goal", "goal of the contacts: between the fingers"),
     ):
-        shift = np.array([at, 0.0])
-        centre = np.array([at + 11.0, middle])
+        centre = np.array([at + 11.0, 15.0])
         if mark == "outline":
-            draw_polyline(line, outline + shift, style.WHITE_RGB, 2.0)
+            canvas.draw_lines([np.array([[-11.0, 0.0], [11.0, 0.0]]) + centre], style.WHITE_RGB, 2.0, casing=0.0)
         elif mark == "last":
-            for start in (0.0, 14.0):
-                draw_polyline(
-                    line, np.array([[start, middle], [start + 8.0, middle]]) + shift, style.STATUS_RGB["lost"], 2.0
-                )
+            dashes = [np.array([[start, 0.0], [start + 8.0, 0.0]]) + centre for start in (-11.0, 3.0)]
+            canvas.draw_lines(dashes, style.STATUS_RGB["lost"], 2.0, casing=0.0)
         elif mark == "goal":
-            draw_disc(line, centre, 8.0, _GOAL, 2.0)
-        elif mark == "hidden":
-            draw_disc(line, centre, 6.6, style.WHITE_RGB, 1.8)
+            canvas.draw_ring(centre, 8.0, _GOAL, 2.0, casing=4.0)
         else:
-            draw_disc(line, centre, 6.4, style.WHITE_RGB)
-            draw_disc(line, centre, 4.6, style.STATUS_RGB["tracked"])
-        put_text(line, text, at + 30, 20, 13, style.MUTED_RGB)
+            canvas.draw_contact(centre, style.STATUS_RGB["tracked"], seen=mark == "contact")
+        put_text(line, text, (at + 30, 20), 13, style.MUTED_RGB)
         at += 30 + text_width(text, 13) + 26
     return line
 

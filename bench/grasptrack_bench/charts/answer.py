@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
-from grasptrack.view.draw import as_bgr, draw_disc, draw_polyline
+from grasptrack.view.draw import Canvas, as_bgr
 from grasptrack.view.style import DARK_RGB, STATUS_RGB, WHITE_RGB, Colour, Picture
 
 SIZE = (400, 300)
@@ -58,28 +58,20 @@ def _draw_crop(
     move = np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]]])
     way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR if scale < 4.0 else cv2.INTER_NEAREST
     warped = cv2.warpAffine(source, move, size, flags=way, borderMode=cv2.BORDER_CONSTANT, borderValue=(30, 27, 24))
-    canvas: Picture = np.ascontiguousarray(warped, dtype=np.uint8)
-
-    def to_crop(points: Floats) -> Floats:
-        return np.asarray(points @ move[:, :2].T + move[:, 2], dtype=np.float64)
-
-    for width, colour in ((3.0, DARK_RGB), (1.0, WHITE_RGB)):
-        for polygon in outline:
-            draw_polyline(canvas, to_crop(polygon), colour, width, closed=True)
+    canvas = Canvas(np.ascontiguousarray(warped, dtype=np.uint8), scale, corner=corner)
+    canvas.draw_outline(outline)
     if answer is not None and len(answer) == 2:
-        draw_polyline(canvas, to_crop(answer), DARK_RGB, 4.0)
-        draw_polyline(canvas, to_crop(answer), WRONG_RGB, 2.0)
+        canvas.draw_grasp_line(answer, WRONG_RGB)
     if truth is not None:
-        for k, at in enumerate(to_crop(truth)):
+        for k, at in enumerate(truth):
             if answer is not None and k < len(answer):
-                draw_polyline(canvas, np.array([at, to_crop(answer)[k]]), WHITE_RGB, 1.0)
-            draw_disc(canvas, at, 8.0, DARK_RGB, 5.0)
-            draw_disc(canvas, at, 8.0, TRUE_RGB, 3.0)
+                canvas.draw_lines([np.array([at, answer[k]])], WHITE_RGB, 1.0, casing=0.0)
+            canvas.draw_ring(at, 8.0, TRUE_RGB, 3.0, casing=5.0)
     if answer is not None:
-        for at in to_crop(answer):
-            draw_disc(canvas, at, 5.4, DARK_RGB)
-            draw_disc(canvas, at, 4.0, WRONG_RGB)
-    return canvas
+        for at in answer:
+            canvas.draw_disc(at, 5.4, DARK_RGB)
+            canvas.draw_disc(at, 4.0, WRONG_RGB)
+    return canvas.picture
 
 
 def _add_inset(

@@ -121,11 +121,6 @@ class World:
 
     # --- what a robot's driver offers --------------------------------------------------------------
 
-    @property
-    def period(self) -> float:
-        """s that a move takes."""
-        return PERIOD_S
-
     def time(self) -> float:
         """s since the start."""
         return float(self.data.time)

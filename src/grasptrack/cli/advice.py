@@ -37,6 +37,7 @@ REMEDIES = {
     "off-outline": "use --strategy auto: this strategy of the paper is not exact for this motion",
     "false-edge": "start with another first image, or give the outline there: --outline, or a mask",
     "contact-unseen": "take away what stands before the contacts, or choose contacts that stay in view (--grasp)",
+    "not-flat": "choose contacts on the outline of its top (--grasp), and start with the most frontal image",
     "not-pinhole": "say how wide a pixel is for its height (--pixel-aspect), or give a calibration (--camera)",
     "tilt-open": "let the camera tilt by ten degrees once, so that views differ",
     "not-closing": "choose contacts that face each other (--grasp), or let another grasp be chosen: --resynthesize",

@@ -113,31 +113,34 @@ def run_demo(
         if writer is not None:
             writer.close()
     _write_truth(output / "truth.csv", rendered)
-    return [_track_scene(name, risk, rendered, scene.fps, output / name, video, tell) for name in strategies]
+    return [
+        _track_scene(GraspTracker(strategy=name, risk=risk), rendered, scene.fps, output / name, video, tell)
+        for name in strategies
+    ]
 
 
 def _track_scene(
-    strategy: str, risk: float, frames: Sequence[DemoFrame], fps: float, output: Path, video: bool, tell: Progress
+    tracker: GraspTracker, frames: Sequence[DemoFrame], fps: float, output: Path, video: bool, tell: Progress
 ) -> dict[str, float | int | str]:
     results: list[TrackResult] = []
 
     def keep_result(frame: Frame, result: TrackResult) -> None:
         results.append(result)
-        tell(strategy, frame.index + 1, len(frames))
+        tell(tracker.strategy, frame.index + 1, len(frames))
 
     run = run_track(
         RenderedSource(frames, fps),
-        GraspTracker(strategy=strategy, risk=risk),
+        tracker,
         output,
         video=video,
-        options={"strategy": strategy, "risk": risk, "scene": "demo", "frames": len(frames)},
+        options={"strategy": tracker.strategy, "risk": tracker.risk, "scene": "demo", "frames": len(frames)},
         on_frame=keep_result,
     )
     distances, wrong = contact_errors(results, frames)
     median, most, largest = np.percentile(distances or [math.nan], [50, 95, 100]).tolist()
     reasons = {reason: n for status in ("lost", "searching") for reason, n in run.reasons[status].items()}
     return {
-        "strategy": strategy,
+        "strategy": tracker.strategy,
         "frames": run.frames,
         **run.counts,
         "reason": max(reasons, key=lambda reason: reasons[reason], default=""),

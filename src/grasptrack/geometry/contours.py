@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import arguments, kernels
 from grasptrack.errors import ContourError, InputError
+from grasptrack.presentation import png_of
 from grasptrack.typing import Bools, Floats
 
 MIN_POINTS = 8
@@ -152,8 +153,6 @@ class Contour:
 
     def _repr_png_(self) -> bytes:
         """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
-        from grasptrack.presentation import png_of
-
         return png_of(self)
 
     @property
@@ -405,8 +404,6 @@ class View:
 
     def _repr_png_(self) -> bytes:
         """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
-        from grasptrack.presentation import png_of
-
         return png_of(self)
 
     @property

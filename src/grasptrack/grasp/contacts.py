@@ -13,6 +13,7 @@ from grasptrack import arguments, kernels
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspError
 from grasptrack.geometry.contours import OutlineLike, as_outline, outline_like
+from grasptrack.presentation import to_dict
 from grasptrack.typing import Floats
 
 
@@ -57,8 +58,6 @@ class Grasp:
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
-        from grasptrack.presentation import to_dict
-
         return to_dict(self)
 
     @property

@@ -13,6 +13,7 @@ from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspError, InputError
 from grasptrack.geometry.contours import Outline, OutlineLike, as_outline, outline_like
 from grasptrack.grasp.contacts import Grasp
+from grasptrack.presentation import to_dict
 from grasptrack.typing import Floats
 
 DEFAULT_FRICTION = 0.5
@@ -59,8 +60,6 @@ class GraspAnalysis(NamedTuple):
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
-        from grasptrack.presentation import to_dict
-
         return to_dict(self)
 
     def __repr__(self) -> str:

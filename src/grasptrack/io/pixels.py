@@ -126,10 +126,10 @@ def raw_image(
             width=width,
             height=height,
         )
-    padded = data[: step * height]
-    if padded.size < step * height:  # the last row may end with its pixels
-        padded = np.concatenate([padded, np.zeros(step * height - padded.size, np.uint8)])
-    values = np.ascontiguousarray(padded.reshape(height, step)[:, :row]).view(form.value_type)
+    rows = data[: step * height]
+    if rows.size < step * height:  # the last row may end with its pixels
+        rows = np.concatenate([rows, np.zeros(step * height - rows.size, np.uint8)])
+    values = np.ascontiguousarray(rows.reshape(height, step)[:, :row]).view(form.value_type)
     if big_endian and values.dtype == np.uint16:
         values = values.byteswap()
     return values if form.channels == 1 else values.reshape(height, width, form.channels)

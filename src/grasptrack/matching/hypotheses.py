@@ -114,8 +114,8 @@ def _refine_to_convergence(found: list[Match], a: Sampled, b: Sampled) -> list[M
         rows = _align_starts(np.ascontiguousarray(rows[:, :9]), a, b, (reaches[-3:], damping[-3:]), [1, 1, 1])
         if len(rows) < 2 or len(_distinct_indices(rows, a, b.size)) == 1:
             break
-    again = [m for row in rows if (m := rate_homography(row[:9].reshape(3, 3), a, b)) is not None]
-    return _merge_duplicates(again + [m for m in found if m.misfit > limit], a)
+    refined = [m for row in rows if (m := rate_homography(row[:9].reshape(3, 3), a, b)) is not None]
+    return _merge_duplicates(refined + [m for m in found if m.misfit > limit], a)
 
 
 def _refine_coarse(begun: Floats, a: Sampled, b: Sampled) -> Floats:

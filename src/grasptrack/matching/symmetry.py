@@ -54,11 +54,6 @@ class Symmetries(NamedTuple):
     near: list[SymmetryTurn]
     continuous: bool
 
-    @property
-    def order(self) -> int:
-        """In how many ways the outline fits itself, 1 without symmetry; 0 for infinitely many."""
-        return 0 if self.continuous else 1 + len(self.turns)
-
 
 def find_symmetries(outline: Outline | Sampled) -> Symmetries:
     """The turns that map an outline, holes included, to itself within 1 % of sqrt(area), and those that nearly do.

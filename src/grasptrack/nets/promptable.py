@@ -109,17 +109,14 @@ class PromptableNet:
     Args:
         encoder: path of its file.
         decoder: path of its file.
-        providers: of onnxruntime, on what the net runs.
 
     Raises:
         InputError: no onnxruntime, no such file, none that can be read, or inputs and outputs of an unknown export.
     """
 
-    def __init__(
-        self, encoder: str | Path, decoder: str | Path, providers: Sequence[str] = ("CPUExecutionProvider",)
-    ) -> None:
+    def __init__(self, encoder: str | Path, decoder: str | Path) -> None:
         self.encoder, self.decoder = Path(encoder), Path(decoder)
-        self._encoder, self._decoder = (_open_session(path, providers) for path in (self.encoder, self.decoder))
+        self._encoder, self._decoder = (_open_session(path) for path in (self.encoder, self.decoder))
         self._check_decoder()
         self._check_encoder()
         self._image: NDArray[Any] | None = None
@@ -310,7 +307,7 @@ def _prompts_for(size: tuple[int, ...], hints: FirstImage) -> list[tuple[Floats,
     return [(np.array([*each, *off, *corners], float), np.array([ON] * len(each) + labels)) for each in on]
 
 
-def _open_session(path: Path, providers: Sequence[str]) -> Any:
+def _open_session(path: Path) -> Any:
     """A file as onnxruntime runs it.
 
     Raises:
@@ -325,7 +322,7 @@ def _open_session(path: Path, providers: Sequence[str]) -> Any:
     options = onnxruntime.SessionOptions()
     options.log_severity_level = SILENT
     try:
-        return onnxruntime.InferenceSession(str(path), options, providers=list(providers))
+        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception:  # onnxruntime's errors share no class of their own, and their text spans lines
         raise InputError(f'"{path}" cannot be read as an ONNX model', path=str(path)) from None
 

@@ -16,6 +16,7 @@ from grasptrack.equality import compared_by_value
 from grasptrack.errors import ContourError, InputError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.images import PLAIN, Channel, Grey
+from grasptrack.presentation import png_of, to_dict
 from grasptrack.segmentation.closed_edges import Planes
 from grasptrack.segmentation.localization import LocalizedContour, background_within, localize_contour, localize_holes
 from grasptrack.segmentation.silhouettes import Silhouette
@@ -96,14 +97,10 @@ class Candidate(NamedTuple):
 
     def _repr_png_(self) -> bytes:
         """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
-        from grasptrack.presentation import png_of
-
         return png_of(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
-        from grasptrack.presentation import to_dict
-
         return to_dict(self)
 
     def __repr__(self) -> str:
@@ -149,6 +146,8 @@ def candidate_of_edges(
     image: Pixels, planes: Planes | None, shape: Silhouette, hidden: Grey | None
 ) -> Candidate | None:
     """The contours of a silhouette found by closed edges, in the mixture of colours that shows it best.
+
+    None where it looks like no object, has no contour in the image, or is mostly cut by the border.
 
     Args:
         image: (H, W) or BGR (H, W, 3).

@@ -91,19 +91,19 @@ class CandidateSearch:
 
     def __init__(self, colours: Pixels, said: FirstImage, segmenter: Segmenter | None) -> None:
         self._scene, self._said = PreparedImage(colours, said), said
-        self._alone = isinstance(segmenter, OneMask)
+        self._masks_only = isinstance(segmenter, OneMask)
         regions = [] if segmenter is None or said.masked else list(segmenter.regions(colours, said))
         if said.background is not None:
-            if self._alone or said.masked:
+            if self._masks_only or said.masked:
                 raise InputError("a background and a mask both say where the object is: give one of them")
             regions += [Region(m, is_vote=True) for m in background_maps(colours, said.background, said.hidden)]
         shown, self._maps = region_maps(regions, self._scene.grey.shape)
         self._voted = any(region.is_vote for region in regions)
         # without a map, which the outline may have come from, and with it
         self._unmapped_snapper = OutlineSnapper(self._scene.edges)
-        guided = self._voted and not self._alone
+        guided = self._voted and not self._masks_only
         self._snapper = OutlineSnapper(self._scene.edges, self._maps[-1]) if guided else self._unmapped_snapper
-        self._proposals = (propose_masks if self._alone else propose_silhouettes)(self._scene, shown)
+        self._proposals = (propose_masks if self._masks_only else propose_silhouettes)(self._scene, shown)
         self.meant = [p for p in self._proposals if is_allowed(p.silhouette, said)]
 
     def best_candidates(self) -> list[Candidate]:
@@ -129,7 +129,7 @@ class CandidateSearch:
 
     def _rate_meant(self) -> list[_Rated]:
         """The proposals that are meant, each region once, the likeliest first."""
-        if self._alone:
+        if self._masks_only:
             return [_Rated(p, 0.0, 0.0) for p in self.meant[:MAX_COMPARED]]
         compared, said = self.compared_proposals(), self._said
         numbers = load_numbers(bool(self._maps))
@@ -145,7 +145,7 @@ class CandidateSearch:
 
     def _with_probabilities(self, found: list[tuple[Candidate, _Rated]], rated: list[_Rated]) -> list[Candidate]:
         """Candidates with their probabilities."""
-        if not found or self._alone:
+        if not found or self._masks_only:
             return [candidate._replace(probability=1.0) for candidate, _ in found]
         first, own = found[0]
         rivals = [r for r in rated if _is_another(r.proposal.silhouette, own.proposal.silhouette)]
@@ -191,7 +191,7 @@ class CandidateSearch:
         taken = np.zeros(self._scene.grey.shape, np.uint8)
         looked = cut = 0
         own = max((r.proposal.rating.score for r in rated if r.proposal.recipe != GIVEN), default=0.0)
-        least = 0.0 if self._alone else max(MIN_RATING, CLUTTER * own)
+        least = 0.0 if self._masks_only else max(MIN_RATING, CLUTTER * own)
         cost = CONTOUR + CONTOUR_AREA.of(self._scene.grey.size)
         for each in rated:
             p = each.proposal
@@ -210,7 +210,7 @@ class CandidateSearch:
                 break
             self._scene.work.spend(cost)
             looked += 1
-            shaded = len(found) < MAX_SHADOWS and not is_part and not self._alone
+            shaded = len(found) < MAX_SHADOWS and not is_part and not self._masks_only
             candidate = self._localize_proposal(p, whole=not is_part, shaded=shaded)
             if candidate is None or any(is_same_region(candidate.view, other.view) for other, _ in found):
                 continue

@@ -143,11 +143,6 @@ class OutlineDetector:
         self._contrast = math.nan  # of the window, in this image and in the last accepted one
         self._last_contrast = math.nan
 
-    @property
-    def grey_levels(self) -> tuple[float, float]:
-        """Learned grey levels of the object and of the background around it."""
-        return self._inside, self._outside
-
     def set_image(self, image: NDArray[Any]) -> Grey:
         """The next image in the mixture of colours that shows the object best.
 

@@ -65,6 +65,16 @@ def quaternion_of(R: Floats) -> Floats:
     return np.asarray(q / np.linalg.norm(q) * (-1.0 if q[3] < 0.0 else 1.0))
 
 
+def rotation_of(quaternion: Floats) -> Floats:
+    """(3, 3), of x, y, z, w of about unit length."""
+    x, y, z, w = (quaternion / np.linalg.norm(quaternion)).tolist()
+    return np.array([
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ])  # fmt: skip
+
+
 def pose_of(rotation_: Floats, position: ArrayLike) -> Floats:
     """A pose (4, 4) from a rotation (3, 3) and a position (3,) in m."""
     out = np.eye(4)

@@ -68,11 +68,6 @@ class ServoClock:
         """s, the usual step; 0 before there is one."""
         return median(self._steps) if self._steps else 0.0
 
-    @property
-    def now(self) -> float:
-        """s, the servo's own time at the last call."""
-        return self._now
-
     def advance(self, told: float) -> Tick:
         """A call at a time of the caller's clock, s."""
         last, self._told = self._told, told

@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from grasptrack.equality import compared_by_value
+from grasptrack.presentation import to_dict
 from grasptrack.servo.grasp_pose import GraspPose
 from grasptrack.servo.law import Aim
 from grasptrack.tracking.result import TrackResult
@@ -56,8 +57,6 @@ class Command:
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
-        from grasptrack.presentation import to_dict
-
         return to_dict(self)
 
     def __repr__(self) -> str:

@@ -9,16 +9,16 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from grasptrack.equality import compared_by_value
+from grasptrack.presentation import to_dict
 from grasptrack.servo.camera import skew_matrix
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.features import MIN_DISTANCE_PX
-from grasptrack.servo.goal import Goal
-from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, TURN
+from grasptrack.servo.model import PLACE, POSE, SHAPE
 from grasptrack.typing import Floats
 
 
@@ -29,7 +29,7 @@ class GraspPose:
 
     With 4 degrees of freedom no move tells how high the camera is mounted on the hand, and so how high the object lies in the
     base: along the approach direction the position is hardly known, and its covariance says so. How far the *fingertips*
-    have to go is known all the same: `command.height`, `tips_to_contacts`.
+    have to go is known all the same: `command.height`.
 
     Attributes:
         time: s, of which it is true; in a command on the clock of `update`.
@@ -65,8 +65,6 @@ class GraspPose:
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
-        from grasptrack.presentation import to_dict
-
         return to_dict(self)
 
     def __repr__(self) -> str:
@@ -125,54 +123,6 @@ def grasp_pose(known: Estimate, contacts: int, hand: Floats, time: float, dof: i
         six @ e.covariance @ six.T,
         J @ e.covariance @ np.swapaxes(J, 1, 2),
     )
-
-
-class Shift(NamedTuple):
-    """A way in the hand's frame.
-
-    Attributes:
-        vector: (3,) m.
-        covariance: (3, 3) m^2.
-    """
-
-    vector: Floats
-    covariance: Floats
-
-
-def tips_to_contacts(known: Estimate, contacts: int, goal: Goal, hand: Floats, time: float) -> Shift:
-    """How far the middle of the contacts is from where the goal wants it, in the hand's frame: 0 where the hand is right.
-
-    Args:
-        known: camera and object, with a covariance that is to be believed (`servo.trust.Trust.estimate`).
-        contacts: how many of its points, the first, are contacts.
-        goal: the goal, whose points in px are taken as exact.
-        hand: (4, 4), the hand's pose in the base.
-        time: s, of which it shall be true.
-    """
-    e = _advanced_copy(known, time)
-    R, camera = hand[:3, :3], e.camera
-    at = e.object.predict_after(time - e.time).in_base()[:contacts].mean(axis=0)
-    J = R.T @ _contact_slopes(e, contacts).mean(axis=0)
-    flat = (goal.points - camera.centre) / camera.focal
-    rays = np.column_stack([flat, np.ones(len(flat))])
-    d_rays = np.zeros((len(rays), 3, J.shape[-1]))  # in the hand's frame
-    d_rays[:, :, FOCAL] = np.column_stack([-flat, np.zeros(len(flat))]) @ camera.turn.T
-    d_rays[:, :, TURN] = [-camera.turn @ skew_matrix(ray) for ray in rays]
-    rays = rays @ camera.turn.T
-    at_depth = rays / rays[:, 2:]
-    d_at_depth = (d_rays - at_depth[:, :, None] * d_rays[:, 2:]) / rays[:, 2:, None]
-    apart, d_apart = at_depth[0] - at_depth[1], d_at_depth[0] - d_at_depth[1]
-    between = e.object.points[0] - e.object.points[1]
-    length, d_length = goal.opening or math.hypot(*between.tolist()), np.zeros(J.shape[-1])
-    if not goal.opening:
-        d_length[SHAPE : SHAPE + 4] = np.concatenate([between, -between]) / max(length, MIN_DISTANCE_PX)
-    wide = max(float(np.linalg.norm(apart)), MIN_DISTANCE_PX)
-    depth = length / wide
-    d_depth = d_length / wide - depth / wide**2 * (apart @ d_apart)
-    tips = camera.offset + depth * at_depth.mean(axis=0) - np.array([0.0, 0.0, goal.beyond])
-    J -= depth * d_at_depth.mean(axis=0) + np.outer(at_depth.mean(axis=0), d_depth)
-    J[:, OFFSET] -= np.eye(3)
-    return Shift(R.T @ (at - hand[:3, 3]) - tips, J @ e.covariance @ J.T)
 
 
 def _advanced_copy(known: Estimate, time: float) -> Estimate:

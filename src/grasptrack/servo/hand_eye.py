@@ -17,7 +17,8 @@ from grasptrack import arguments
 from grasptrack.documents import read_keys, read_text, write_text
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
-from grasptrack.servo.camera import NominalCamera, check_pose, pose_of, quaternion_of, rotation_vector
+from grasptrack.presentation import to_dict
+from grasptrack.servo.camera import NominalCamera, check_pose, pose_of, quaternion_of, rotation_of, rotation_vector
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.model import FOCAL, OFFSET, TURN
 from grasptrack.typing import Floats
@@ -103,8 +104,6 @@ class HandEye:
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
-        from grasptrack.presentation import to_dict
-
         return to_dict(self)
 
     def standard_deviations(self) -> Floats:
@@ -289,23 +288,13 @@ transform:
         ):
             raise InputError("has a covariance that is symmetric, without negative eigenvalues")
         centre = _numbers_of(own.get("centre_px"), (2,), "centre_px, x and y in px")
-        mounting = pose_of(_rotation_of(values[3:]), values[:3])
+        mounting = pose_of(rotation_of(values[3:]), values[:3])
         return cls(focal, centre, (size[0], size[1]), check_pose(mounting), 0.5 * (covariance + covariance.T))
 
     def _transform_values(self) -> dict[str, float]:
         """Position in m and unit quaternion of the camera in the hand's frame, by their keys."""
         values = (*self.mounting[:3, 3].tolist(), *quaternion_of(self.mounting[:3, :3]).tolist())
         return dict(zip(TRANSFORM_KEYS, values, strict=True))
-
-
-def _rotation_of(quaternion: Floats) -> Floats:
-    """(3, 3), of x, y, z, w of about unit length."""
-    x, y, z, w = (quaternion / np.linalg.norm(quaternion)).tolist()
-    return np.array([
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ])  # fmt: skip
 
 
 def _yaml_list(values: Floats) -> str:

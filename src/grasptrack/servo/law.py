@@ -48,9 +48,7 @@ class Gain:
         return self.far + (self.near - self.far) * math.exp(-error / self.fall)
 
 
-def twist_for(
-    error: Floats, jacobian: Floats, covariance: Floats, *, dof: int, length: float, gain: Gain, damping: float = 0.02
-) -> Floats:
+def twist_for(error: Floats, jacobian: Floats, covariance: Floats, *, dof: int, length: float, gain: Gain) -> Floats:
     """The twist (6,) that lets the error fall off exponentially.
 
     v = -lambda (J' W J + mu^2 D)^-1 J' W e (Chaumette and Hutchinson 2006, eq. 5, damped as Nakamura and Hanafusa 1986). A
@@ -63,7 +61,6 @@ def twist_for(
         dof: 4 (x, y, z, turn about z) or 6.
         length: m by which velocities across the approach compare with turns: of small grasps small.
         gain: the gain.
-        damping: mu, relative to a Jacobian of size 1.
     """
     axes, m = list(TWIST_AXES[dof]), len(error)
     depth = max(
@@ -76,12 +73,14 @@ def twist_for(
     doubt.flat[:: m + 1] += 1.0
     products = sides[:, :-1].T @ np.linalg.solve(doubt, sides)  # J'W J, and J'W e
     A = products[:, :-1]
-    A.flat[:: len(axes) + 1] += damping**2
+    A.flat[:: len(axes) + 1] += DAMPING**2
     out = np.zeros(6)
     out[axes] = -gain.at(math.sqrt(error @ error)) * unit * np.linalg.solve(A, products[:, -1])
     return out
 
 
+DAMPING = 0.02
+"""mu, relative to a Jacobian of size 1."""
 HALF_WEIGHT_SD = 0.05
 """A feature that is known to this standard deviation, or to this share of its error, weighs half."""
 

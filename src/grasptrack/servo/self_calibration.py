@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Self-calibration: exploratory moves, the first estimate from what they show, and what is done where it proves wrong.
 
-See `first_estimate` for what the moves tell, and `setup_check` for what they show to be wrong.
+See `first_estimate` for what the moves tell, and what they show to be wrong.
 """
 
 from __future__ import annotations
@@ -33,7 +33,11 @@ from grasptrack.servo.estimate import (
 from grasptrack.servo.first_estimate import (
     FirstEstimate,
     ImageFrame,
+    TiltCheck,
     UnexploredError,
+    delay_sightings,
+    find_fault,
+    find_lateness,
     initialize_calibration,
     initialize_from_nominal,
     signals_of,
@@ -42,7 +46,6 @@ from grasptrack.servo.grasp_pose import GraspPose, grasp_pose
 from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.model import SHAPE, Placed
 from grasptrack.servo.observation import Observation, Poses
-from grasptrack.servo.setup_check import TiltCheck, delay_sightings, find_fault, find_lateness
 from grasptrack.servo.trust import DriftAlarm, Trust
 from grasptrack.typing import Floats
 

@@ -77,10 +77,6 @@ class ClosedSpline:
         """Number of spans, and of control points."""
         return len(self.control)
 
-    def at(self, parameters: ArrayLike, derivative: int = 0) -> Floats:
-        """(M, 2) px: the curve, or its derivative in px per span, at parameters (M,) in spans."""
-        return np.asarray(basis_matrix(parameters, self.spans, derivative) @ self.control)
-
     def sample(self, per_span: int = PER_SPAN) -> Floats:
         """(spans * per_span, 2) px: points at equal steps of the parameter, the first at 0."""
         return np.asarray(_sampling_matrix(self.spans, per_span, 0) @ self.control)
@@ -93,13 +89,12 @@ class ClosedSpline:
         return np.column_stack([tangent[:, 1], -tangent[:, 0]])
 
 
-def fit_spline(points: ArrayLike, spans: int, per_span: int = PER_SPAN) -> tuple[ClosedSpline, float]:
+def fit_spline(points: ArrayLike, spans: int) -> tuple[ClosedSpline, float]:
     """The spline nearest to a closed polygon in least squares, its parameter proportional to arc length.
 
     Args:
         points: (N, 2) px, not repeated at the end; they may be far apart.
         spans: more follow corners closer, and noise too; uniform in arc length.
-        per_span: observations taken per span of the polygon, at least 2 of them and as many as it has points.
 
     Returns:
         The spline, whose parameter 0 is at the first point, and the rms distance in px across the curve.
@@ -108,7 +103,7 @@ def fit_spline(points: ArrayLike, spans: int, per_span: int = PER_SPAN) -> tuple
         ContourError: fewer than 4 spans.
     """
     polygon = np.ascontiguousarray(points, dtype=np.float64)
-    each = max(2, per_span, -(-len(polygon) // spans))
+    each = max(PER_SPAN, -(-len(polygon) // spans))
     observed = kernels.resample(polygon, spans * each, 0.0)
     basis = _sampling_matrix(spans, each, 0) if spans >= MIN_SPANS else basis_matrix((), spans)
     spline = ClosedSpline(np.linalg.solve(basis.T @ basis, basis.T @ observed))

@@ -233,18 +233,12 @@ class CurveMatch(NamedTuple):
         return float(self.seen.sum()) / inside if inside else 0.0
 
 
-def verify_fit(model: SnakeModel, rows: Rows, state: Floats, shape: tuple[int, ...]) -> CurveMatch:
-    """Which samples an edge like the template's supports, how well the state is known, and what it leaves unexplained.
-
-    A shape space that fits all that is seen may still be wrong where nothing is seen: whatever a homography could have
-    done there besides counts as unknown, up to BEND of the object's size.
-    """
-    template, space = model.template, model.space
+def _samples_alike(template: Template, rows: Rows, shape: tuple[int, ...]) -> tuple[Bools, Bools]:
+    """Which samples have an edge like the template's, and which lie within the image."""
     height, width = shape[:2]
-    points, edges, gap = rows.points, rows.edges, rows.gap
+    points, edges, contrast = rows.points, rows.edges, template.edge_contrast
     x, y = points[:, 0], points[:, 1]
     visible = (x >= BORDER) & (y >= BORDER) & (x <= width - 1 - BORDER) & (y <= height - 1 - BORDER)
-    contrast = template.edge_contrast
     like = np.abs(edges[:, 3] - edges[:, 2]) >= 2.0 * FAINTEST * contrast
     like &= rows.used & visible
     alike = like & (np.abs(edges[:, 2] - template.inside) <= SAME * contrast + SAME_LEVELS)
@@ -252,7 +246,17 @@ def verify_fit(model: SnakeModel, rows: Rows, state: Floats, shape: tuple[int, .
         # so many that differ together are lit otherwise: what the ground says of the light is asked
         light = float(np.median(edges[like, 3])) / max(float(np.median(template.outside[like])), 1.0)
         alike = like & (np.abs(edges[:, 2] - light * template.inside) <= light * SAME * contrast + SAME_LEVELS)
-    like = alike
+    return alike, visible
+
+
+def verify_fit(model: SnakeModel, rows: Rows, state: Floats, shape: tuple[int, ...]) -> CurveMatch:
+    """Which samples an edge like the template's supports, how well the state is known, and what it leaves unexplained.
+
+    A shape space that fits all that is seen may still be wrong where nothing is seen: whatever a homography could have
+    done there besides counts as unknown, up to BEND of the object's size.
+    """
+    space, edges, gap = model.space, rows.edges, rows.gap
+    like, visible = _samples_alike(model.template, rows, shape)
     seen = like & (np.abs(gap) <= SEEN)
     if int(seen.sum()) <= 8:
         noise: Floats = np.full((len(state), len(state)), math.inf)

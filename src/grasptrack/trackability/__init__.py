@@ -255,7 +255,7 @@ def _simulate_runs(first: InspectedView, stage: Stage, asked: _Inspection) -> tu
     carrier, made, seen = first.carrier, [], list[Looked]()
     for steps in drawn_runs(setting, asked.runs):
         asked.check()
-        if carrier is None:
+        if carrier is None:  # each run begins with one that has learned nothing
             first.observer.set_image(first.colours)
             first.observer.choose_object(first.candidate)
             carrier = carrier_for(asked.strategy, grasp, view, grey, None, first.observer, asked.risk, asked.focal)

@@ -11,6 +11,7 @@ import numpy as np
 
 from grasptrack.equality import compared_by_value
 from grasptrack.geometry.contours import View
+from grasptrack.presentation import to_dict
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.trackability.appearance import Edges
 from grasptrack.trackability.evidence import By, Settled, Symmetry, Usable
@@ -152,8 +153,6 @@ class Suitability:
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
-        from grasptrack.presentation import to_dict
-
         return to_dict(self)
 
     def __repr__(self) -> str:

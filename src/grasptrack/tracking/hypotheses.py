@@ -36,6 +36,8 @@ BACKGROUND_EVERY = 4
 """Usual intervals after which it is asked anew whether the object rests on the ground, where its texture tells its motion."""
 AGREE_DISTANCE = 20.1
 """Squared Mahalanobis distance of predictions that agree: 99 % of chi-squared with 8 degrees of freedom."""
+LEAST_SHARE = 1e-12
+"""Of the largest variance, that along an axis at least, where a covariance is inverted."""
 LEAST_OF_USUAL = 0.5
 """Share of the usual evidence of the surface below which a second solution is looked for."""
 
@@ -85,7 +87,7 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     flow = None if state.lost else _align_look(state, state.last, levels, rest, Q, target.clear_corners(state.visible))
     first = []
     if flow is not None:
-        P = state.P + flow.P + Q * numbers.predicted**2 + np.diag(state.surface_lag)
+        P = add_alike(state.P, flow.P) + Q * numbers.predicted**2 + np.diag(state.surface_lag)
         hypothesis = Hypothesis("texture", flow.G, P)
         first = [hypothesis]
         if even is not None:
@@ -107,6 +109,20 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     if first:
         return Predictions(first, [*rest, carried], carried.G, even)
     return Predictions([carried, *rest], [], carried.G, even)
+
+
+def add_alike(P: Floats, step: Floats) -> Floats:
+    """(8, 8) covariance of an error and of a step's that goes the same way: standard deviations add up, not variances.
+
+    What the motion of a surface errs by, as where an encoder carries blocks along or an edge looks like texture, is alike from
+    image to image. The sum is P + step + 2 (P # step), with the geometric mean of both.
+    """
+    variances, axes = np.linalg.eigh(P)
+    sd = np.sqrt(np.maximum(variances, LEAST_SHARE * variances[-1]))
+    L, inverse = axes * sd, (axes / sd).T
+    shares, V = np.linalg.eigh(inverse @ step @ inverse.T)
+    spread = (L @ V) * (1.0 + np.sqrt(np.maximum(shares, 0.0)))
+    return np.asarray(spread @ spread.T, dtype=np.float64)
 
 
 def _fixes_contacts(state: TrackState, flow: PoseFlow) -> bool:

@@ -31,6 +31,7 @@ SENTENCES = {
     "false-edge": "later views show no edge where the first one did: a contact lies beside the object",
     # tracked
     "contact-unseen": "a contact has moved unseen for a while: that it moved with the rest is a guess",
+    "not-flat": "the object is not flat: contacts are where they are told only on the outline of its top",
     "not-pinhole": "the views fit no camera with square pixels",
     "tilt-open": "no view has told yet how the object's plane is tilted",
     # unstable
@@ -46,6 +47,7 @@ FIGURES = {
     "distance": "{:.1f} px off",
     "tolerance": "{:.1f} px would be wrong",
     "aspect": "they fit pixels {:.2f} times as wide as high",
+    "thickness": "it is {:.0%} as thick as large",
     "chance": "the chance that it closes is {:.0%}",
 }
 """How the figures are told that help a reader; others are left out."""

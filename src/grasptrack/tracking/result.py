@@ -59,8 +59,8 @@ class TrackResult:
         reason_code: the reason in one word, see `messages.SENTENCES`; empty with the reason.
         notice: what is to be known of a tracked frame, in one word: "tilt-open" where no view has told yet how the object's
             plane is tilted, and whether the grasp closes depends on it; "contact-unseen" where neither the outline at a contact
-            nor the surface beside it was seen for half a second in which the object moved; "not-pinhole" where the views fit
-            pixels that are not square; else empty.
+            nor the surface beside it was seen for half a second in which the object moved; "not-flat" where views show sides of the object, so thick that
+            contacts may lie on its lower edges; "not-pinhole" where they fit pixels that are not square; else empty.
         object_sure: the choice of the object in the first view is sure, or a person took its outline, its contacts or a
             candidate; a pixel or a box says where it is, not which outline it has.
         object_probability: 0 to 1, of the outline that was chosen in the first view; NaN where no choice was made.

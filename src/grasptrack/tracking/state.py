@@ -201,6 +201,10 @@ class StaleSurface:
         return self.way / self.change
 
 
+FRONTAL = 0.5
+"""Sine of 30 degrees, of the tilt up to which a contact on a lower edge is to be off by less than what would be wrong."""
+SURE_SD = 2.0
+"""Standard deviations by which an object is thicker than that."""
 SEEN = 0.5
 """Share of the outline under a finger, or of the surface beside it, from which on a contact is seen."""
 FIRST_SPREAD = 12.0
@@ -341,6 +345,17 @@ class TrackState:
         numbers, target = self.numbers, self.target
         share = self.stale.variance / (numbers.drift * target.size) ** 2
         return np.asarray(np.diagonal(target.noise_of_motion) * share, dtype=np.float64)
+
+    @property
+    def thickness(self) -> float:
+        """Of the object, as a share of sqrt(area)."""
+        return float(self.nuisance[0]) / self.target.size
+
+    @property
+    def is_thick(self) -> bool:
+        """Whether views show that the object is not flat: what lies on its lower edges is elsewhere than it is told."""
+        sd = math.sqrt(self.nuisance_covariance[0, 0]) / self.target.size
+        return self.thickness - SURE_SD * sd > self.numbers.tolerance / FRONTAL
 
     def advance(self, time: float | None) -> None:
         """The next image was taken at a time in s: `steps` usual intervals after the last one, 1 where times are not told."""

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 from grasptrack.equality import compared_by_value
 from grasptrack.geometry.contours import Outline
 from grasptrack.grasp.contacts import Grasp
+from grasptrack.presentation import to_dict
 from grasptrack.typing import Floats
 
 
@@ -31,8 +32,6 @@ class Transfer(NamedTuple):
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
-        from grasptrack.presentation import to_dict
-
         return to_dict(self)
 
     def __repr__(self) -> str:

@@ -50,21 +50,6 @@ class RRPDescription:
         self.quality = quality
         self.interpolated = interpolated
 
-    @property
-    def contour(self) -> Ints:
-        """(k,) c: index of the contour in the view."""
-        return self.places[:, 0].astype(np.int64)
-
-    @property
-    def reference(self) -> Ints:
-        """(k,) ref: index of the reference point, p // interpolated."""
-        return (self.places[:, 1] // self.interpolated).astype(np.int64)
-
-    @property
-    def interpolation(self) -> Floats:
-        """(k,) interp: p - interpolated * ref, real, in [0, interpolated)."""
-        return np.asarray(self.places[:, 1] % self.interpolated)
-
     def paper(self) -> list[tuple[int, int, int]]:
         """(c, ref, interp) of each contact as the paper prints them: the nearest point of the outline."""
         counts = np.diff(self.offsets)

@@ -46,7 +46,7 @@ def add_strip(canvas: Picture, result: TrackResult, number: int) -> Picture:
     reason = " ".join(result.reason.split()) or (f"grasp located, {stable}" if result.status == "tracked" else "")
     size = em if text_width(reason, em) <= width - pad - left else small
     ink = style.MUTED_RGB if result.status == "tracked" else style.INK_RGB
-    put_text(strip, ellipsise_text(reason, width - pad - left, size), left, first, size, ink)
+    put_text(strip, ellipsise_text(reason, width - pad - left, size), (left, first), size, ink)
 
     room = _draw_confidence(strip, result, pad, second, small, colour)
     _draw_figures(strip, result, number, (pad, room - pad), second, small)
@@ -63,7 +63,7 @@ def _draw_status_chip(strip: Picture, status: str, x: int, baseline: int, em: in
     for cx in (x + radius, x + wide - radius):
         cv2.circle(strip, (cx, top + radius), radius, rgb_to_bgr(colour), -1, cv2.LINE_AA)
     cv2.rectangle(strip, (x + radius, top), (x + wide - radius, top + 2 * radius), rgb_to_bgr(colour), -1)
-    put_text(strip, text, x + round(0.6 * em), baseline, size, _CHIP_INK, bold=True)
+    put_text(strip, text, (x + round(0.6 * em), baseline), size, _CHIP_INK, bold=True)
     return x + wide
 
 
@@ -79,7 +79,7 @@ def _draw_confidence(strip: Picture, result: TrackResult, pad: int, baseline: in
     gap = round(0.6 * size)
     bar = round(0.16 * strip.shape[1])
     x: int = strip.shape[1] - pad - text_width(number, size, bold=True)
-    put_text(strip, number, x, baseline, size, ink, bold=True)
+    put_text(strip, number, (x, baseline), size, ink, bold=True)
     x -= bar + gap
     top, bottom = baseline - round(0.62 * size), baseline - round(0.1 * size)
     cv2.rectangle(strip, (x, top), (x + bar, bottom), rgb_to_bgr(style.RULE_RGB), -1)
@@ -87,7 +87,7 @@ def _draw_confidence(strip: Picture, result: TrackResult, pad: int, baseline: in
     if full > 0:
         cv2.rectangle(strip, (x, top), (x + full, bottom), rgb_to_bgr(colour), -1)
     x -= text_width(label, size) + gap
-    put_text(strip, label, x, baseline, size, style.MUTED_RGB)
+    put_text(strip, label, (x, baseline), size, style.MUTED_RGB)
     return x
 
 
@@ -112,8 +112,8 @@ def _draw_figures(
         end = at + wide + gap + text_width(value, size)
         if end > room:
             break
-        put_text(strip, label, at, baseline, size, style.MUTED_RGB)
-        put_text(strip, value, at + wide + gap, baseline, size, style.INK_RGB)
+        put_text(strip, label, (at, baseline), size, style.MUTED_RGB)
+        put_text(strip, value, (at + wide + gap, baseline), size, style.INK_RGB)
         at = end + round(1.1 * size)
 
 
@@ -144,19 +144,16 @@ def draw_overlay(
         (H', W', 3) uint8 BGR, W' and the image's share of H' being those of the image where its longer side is at most
         1920 px and its width at least 480.
     """
-    canvas, scale, unit = _scaled_canvas(image)
-    colour = style.STATUS_RGB[result.status]
+    canvas, colour = enlarged_canvas(image), style.STATUS_RGB[result.status]
     if result.status == "lost" and last is not None:
-        _draw_last_outline(canvas, last, scale, unit)
+        canvas.draw_last_outline(last)
     elif result.view is not None:
-        _draw_outline(canvas, result.view, scale, unit)
+        canvas.draw_outline([c.points for c in result.view.contours])
     if result.contacts is not None:
-        contacts = (result.contacts + 0.5) * scale - 0.5
-        _draw_cones(canvas, result, scale, unit, colour)
-        _draw_grasp_line(canvas, contacts, unit, colour)
-        seen = np.ones(len(contacts)) if result.seen is None else result.seen
-        _draw_contacts(canvas, contacts, seen, unit, colour)
-    return add_strip(canvas, result, result.frame if number is None else number)
+        canvas.draw_cones(result, colour)
+        canvas.draw_grasp_line(result.contacts, colour)
+        canvas.draw_contacts(result.contacts, colour, result.seen)
+    return add_strip(canvas.picture, result, result.frame if number is None else number)
 
 
 def draw_grasps(image: NDArray[Any], grasps: Sequence[Floats], outline: Outline | None = None) -> Picture:
@@ -167,17 +164,15 @@ def draw_grasps(image: NDArray[Any], grasps: Sequence[Floats], outline: Outline 
         grasps: contacts (k, 2) px of each; up to 9 are drawn.
         outline: in the image.
     """
-    canvas, scale, unit = _scaled_canvas(image)
+    canvas, colour = enlarged_canvas(image), style.STATUS_RGB["tracked"]
     if outline is not None:
-        _draw_outline(canvas, as_view(outline), scale, unit)
+        canvas.draw_outline([c.points for c in as_view(outline).contours])
     for contacts in grasps[1 : 1 + MOST_BESIDE]:
-        for spoke in grasp_spokes((contacts + 0.5) * scale - 0.5):
-            draw_polyline(canvas, spoke, style.MUTED_RGB, 1.2 * unit)
+        canvas.draw_lines(grasp_spokes(contacts), style.MUTED_RGB, 1.2, casing=0.0)
     if len(grasps):
-        best, colour = (grasps[0] + 0.5) * scale - 0.5, style.STATUS_RGB["tracked"]
-        _draw_grasp_line(canvas, best, unit, colour)
-        _draw_contacts(canvas, best, np.ones(len(best)), unit, colour)
-    return canvas
+        canvas.draw_grasp_line(grasps[0], colour)
+        canvas.draw_contacts(grasps[0], colour)
+    return canvas.picture
 
 
 def as_bgr(image: NDArray[Any]) -> Picture:
@@ -192,21 +187,115 @@ def as_bgr(image: NDArray[Any]) -> Picture:
     return np.ascontiguousarray(array[:, :, :3]).copy()
 
 
-def draw_polyline(canvas: Picture, points: Floats, colour: Colour, width: float, closed: bool = False) -> None:
-    """An anti-aliased line through points (n, 2) px, sub-pixel, in place."""
-    fixed = np.rint(np.clip(points, -_FAR, _FAR) * (1 << _SHIFT)).astype(np.int32)
-    cv2.polylines(canvas, [fixed], closed, rgb_to_bgr(colour), max(1, round(width)), cv2.LINE_AA, _SHIFT)
+class Canvas:
+    """A picture, and what is drawn onto it, in place, at px of the image that it shows. `panel.Panel` does so on pages.
+
+    Args:
+        picture: (H, W, 3) uint8 BGR.
+        scale: px of the picture for one of the image.
+        unit: size of marks, 1 on 640 by 480 px.
+        corner: px of the image at the upper left corner of the picture.
+    """
+
+    def __init__(
+        self, picture: Picture, scale: float = 1.0, unit: float = 1.0, corner: tuple[float, float] = (-0.5, -0.5)
+    ) -> None:
+        self.picture, self.scale, self.unit = picture, scale, unit
+        self._corner = np.array(corner)
+
+    def to_picture(self, points: Floats) -> Floats:
+        """Points (..., 2) px of the image as px of the picture."""
+        return np.asarray((points - self._corner) * self.scale - 0.5, dtype=np.float64)
+
+    def draw_lines(
+        self, lines: Sequence[Floats], colour: Colour, width: float, casing: float, closed: bool = False
+    ) -> None:
+        """Lines through points (n, 2), `width` wide, on dark ones of the width `casing`, which lie below all of them."""
+        fixed = [_fixed_point(self.to_picture(line)) for line in lines]
+        for ink, wide in ((style.DARK_RGB, casing), (colour, width)):
+            for line in fixed if wide else ():
+                thickness = max(1, round(wide * self.unit))
+                cv2.polylines(self.picture, [line], closed, rgb_to_bgr(ink), thickness, cv2.LINE_AA, _SHIFT)
+
+    def draw_disc(self, centre: Floats, radius: float, colour: Colour, width: float = 0.0) -> None:
+        """A filled circle, or a ring where a width is given."""
+        x, y = _fixed_point(self.to_picture(centre)).tolist()
+        thickness, size = max(1, round(width * self.unit)) if width else -1, round(radius * self.unit * (1 << _SHIFT))
+        cv2.circle(self.picture, (x, y), size, rgb_to_bgr(colour), thickness, cv2.LINE_AA, _SHIFT)
+
+    def draw_ring(self, centre: Floats, radius: float, colour: Colour, width: float, casing: float) -> None:
+        """A ring on a dark one of the width `casing`."""
+        self.draw_disc(centre, radius, style.DARK_RGB, casing)
+        self.draw_disc(centre, radius, colour, width)
+
+    def draw_outline(self, curves: Sequence[Floats]) -> None:
+        """The closed curves (n, 2) of the object's outline."""
+        self.draw_lines(curves, style.WHITE_RGB, 1.2, casing=3.2, closed=True)
+
+    def draw_last_outline(self, view: View) -> None:
+        """An outline dashed, in the colour of what is lost."""
+        for contour in view.contours:
+            arc = contour.arc_length
+            dashes = max(4, round(arc[-1] * self.scale / (2.0 * _DASH * self.unit)))
+            ends = np.linspace(0.0, arc[-1], 2 * dashes + 1)
+            curve = np.vstack([contour.points, contour.points[:1]])
+            for start, end in zip(ends[:-1:2], ends[1::2], strict=True):
+                at = np.linspace(start, end, max(2, math.ceil((end - start) * self.scale / 3.0)))
+                dash = np.column_stack([np.interp(at, arc, curve[:, axis]) for axis in (0, 1)])
+                self.draw_lines([dash], style.STATUS_RGB["lost"], 1.6, casing=3.2)
+
+    def draw_cones(self, result: TrackResult, colour: Colour) -> None:
+        """Friction cones, translucent."""
+        assert result.contacts is not None
+        for polygon in friction_cones(result, cone_length(result.contacts, self.unit / self.scale)):
+            shape = self.to_picture(polygon)
+            if not (np.abs(shape) < _FAR).all():
+                continue
+            low = np.floor(shape.min(axis=0)).astype(int) - 2
+            size = np.ceil(shape.max(axis=0)).astype(int) + 3 - low
+            mask = np.zeros((size[1], size[0]), np.uint8)
+            cv2.fillPoly(mask, [_fixed_point(shape - low)], 140, cv2.LINE_AA, _SHIFT)
+            blend_colour(self.picture, mask, int(low[0]), int(low[1]), colour)
+            self.draw_lines([np.vstack([polygon[1], polygon[0], polygon[-1]])], colour, 1.2, casing=0.0)
+
+    def draw_grasp_line(self, contacts: Floats, colour: Colour) -> None:
+        """The lines that stand for a grasp."""
+        self.draw_lines(grasp_spokes(contacts), colour, 2.0, casing=4.0)
+
+    def draw_contact(self, contact: Floats, colour: Colour, seen: bool = True) -> None:
+        """A contact as a dot, or as a ring where its edge is not seen."""
+        if seen:
+            self.draw_disc(contact, 7.6, style.DARK_RGB)
+            self.draw_disc(contact, 6.4, style.WHITE_RGB)
+            self.draw_disc(contact, 4.6, colour)
+        else:
+            self.draw_ring(contact, 6.6, style.WHITE_RGB, 1.8, casing=5.0)
+
+    def draw_contacts(self, contacts: Floats, colour: Colour, seen: Floats | None = None) -> None:
+        """Contacts with their numbers; `seen` is the share of each one's edge that is seen, None for all of it."""
+        shares = np.ones(len(contacts)) if seen is None else seen
+        places = contacts + 20.0 * self.unit / self.scale * outward_directions(contacts)
+        for i, (contact, share, place) in enumerate(zip(contacts, shares, places, strict=False)):
+            self.draw_contact(contact, colour, bool(share >= 0.5))
+            self._draw_number(str(i + 1), place)
+
+    def _draw_number(self, text: str, centre: Floats) -> None:
+        """A number on a dark disc, which is kept inside the picture so that a contact beyond its border is still named."""
+        radius, size = 8.5 * self.unit, round(12 * self.unit)
+        room = np.array([self.picture.shape[1] - 1, self.picture.shape[0] - 1]) - radius
+        at = np.minimum(np.maximum(self.to_picture(centre), radius), room)
+        Canvas(self.picture, unit=self.unit).draw_disc(at, 8.5, style.DARK_RGB)
+        x = round(at[0] - text_width(text, size, bold=True) / 2)
+        put_text(self.picture, text, (x, round(at[1] + 0.37 * size)), size, style.WHITE_RGB, bold=True)
 
 
-def draw_disc(canvas: Picture, centre: Floats, radius: float, colour: Colour, width: float = -1.0) -> None:
-    """A filled circle, or a ring where a width is given, sub-pixel, in place."""
-    x, y = np.rint(np.clip(centre, -_FAR, _FAR) * (1 << _SHIFT)).astype(int).tolist()
-    thickness = -1 if width < 0 else max(1, round(width))
-    cv2.circle(canvas, (x, y), round(radius * (1 << _SHIFT)), rgb_to_bgr(colour), thickness, cv2.LINE_AA, _SHIFT)
+def _fixed_point(points: Floats) -> NDArray[np.int32]:
+    """px in the fixed-point numbers that OpenCV draws sub-pixel with."""
+    return np.rint(np.clip(points, -_FAR, _FAR) * (1 << _SHIFT)).astype(np.int32)
 
 
-def _scaled_canvas(image: NDArray[Any]) -> tuple[Picture, float, float]:
-    """A copy to draw on, how much larger than the image it is, and the size of marks on it."""
+def enlarged_canvas(image: NDArray[Any]) -> Canvas:
+    """A canvas with a copy of an image, enlarged or reduced so that what is drawn can be read."""
     height, width = image.shape[:2]
     scale = 1.0
     if max(height, width) > MAX_SIDE:
@@ -219,78 +308,7 @@ def _scaled_canvas(image: NDArray[Any]) -> tuple[Picture, float, float]:
         size = (round(width * scale), round(height * scale))
         picture = np.asarray(cv2.resize(picture, size, interpolation=how), dtype=np.uint8)
     unit = math.sqrt(picture.shape[0] * picture.shape[1] / (640 * 480))
-    return picture, scale, min(max(unit, 0.8), 3.0)
-
-
-def _draw_outline(canvas: Picture, view: View, scale: float, unit: float) -> None:
-    curves = [(c.points + 0.5) * scale - 0.5 for c in view.contours]
-    for curve in curves:
-        draw_polyline(canvas, curve, style.DARK_RGB, 3.2 * unit, closed=True)
-    for curve in curves:
-        draw_polyline(canvas, curve, style.WHITE_RGB, 1.2 * unit, closed=True)
-
-
-def _draw_last_outline(canvas: Picture, view: View, scale: float, unit: float) -> None:
-    """Dashed, in the colour of what is lost."""
-    for contour in view.contours:
-        arc = contour.arc_length
-        dashes = max(4, round(arc[-1] * scale / (2.0 * _DASH * unit)))
-        ends = np.linspace(0.0, arc[-1], 2 * dashes + 1)
-        curve = np.vstack([contour.points, contour.points[:1]])
-        for start, end in zip(ends[:-1:2], ends[1::2], strict=True):
-            at = np.linspace(start, end, max(2, math.ceil((end - start) * scale / 3.0)))
-            dash = np.column_stack([np.interp(at, arc, curve[:, axis]) for axis in (0, 1)])
-            dash = (dash + 0.5) * scale - 0.5
-            draw_polyline(canvas, dash, style.DARK_RGB, 3.2 * unit)
-            draw_polyline(canvas, dash, style.STATUS_RGB["lost"], 1.6 * unit)
-
-
-def _draw_cones(canvas: Picture, result: TrackResult, scale: float, unit: float, colour: Colour) -> None:
-    assert result.contacts is not None
-    length = cone_length(result.contacts * scale, unit)
-    for polygon in friction_cones(result, length / scale):
-        shape = (polygon + 0.5) * scale - 0.5
-        if not (np.abs(shape) < _FAR).all():
-            continue
-        low = np.floor(shape.min(axis=0)).astype(int) - 2
-        size = np.ceil(shape.max(axis=0)).astype(int) + 3 - low
-        mask = np.zeros((size[1], size[0]), np.uint8)
-        fixed = np.rint((shape - low) * (1 << _SHIFT)).astype(np.int32)
-        cv2.fillPoly(mask, [fixed], 140, cv2.LINE_AA, _SHIFT)
-        blend_colour(canvas, mask, int(low[0]), int(low[1]), colour)
-        draw_polyline(canvas, np.vstack([shape[1], shape[0], shape[-1]]), colour, 1.2 * unit)
-
-
-def _draw_grasp_line(canvas: Picture, contacts: Floats, unit: float, colour: Colour) -> None:
-    for spoke in grasp_spokes(contacts):
-        draw_polyline(canvas, spoke, style.DARK_RGB, 4.0 * unit)
-    for spoke in grasp_spokes(contacts):
-        draw_polyline(canvas, spoke, colour, 2.0 * unit)
-
-
-def _draw_contacts(canvas: Picture, contacts: Floats, seen: Floats, unit: float, colour: Colour) -> None:
-    middle = contacts.mean(axis=0)
-    for i, (contact, share) in enumerate(zip(contacts, seen, strict=False)):
-        if share >= 0.5:
-            draw_disc(canvas, contact, 7.6 * unit, style.DARK_RGB)
-            draw_disc(canvas, contact, 6.4 * unit, style.WHITE_RGB)
-            draw_disc(canvas, contact, 4.6 * unit, colour)
-        else:
-            draw_disc(canvas, contact, 6.6 * unit, style.DARK_RGB, 5.0 * unit)
-            draw_disc(canvas, contact, 6.6 * unit, style.WHITE_RGB, 1.8 * unit)
-        away = contact - middle
-        away = away / max(float(np.linalg.norm(away)), 1e-9)
-        _draw_number(canvas, str(i + 1), contact + 20.0 * unit * away, unit)
-
-
-def _draw_number(canvas: Picture, text: str, centre: Floats, unit: float) -> None:
-    """A number on a dark disc, which is kept inside the picture so that a contact beyond its border is still named."""
-    radius, size = 8.5 * unit, round(12 * unit)
-    room = np.array([canvas.shape[1] - 1, canvas.shape[0] - 1]) - radius
-    at = np.minimum(np.maximum(centre, radius), room)
-    draw_disc(canvas, at, radius, style.DARK_RGB)
-    x = round(at[0] - text_width(text, size, bold=True) / 2)
-    put_text(canvas, text, x, round(at[1] + 0.37 * size), size, style.WHITE_RGB, bold=True)
+    return Canvas(picture, scale, min(max(unit, 0.8), 3.0))
 
 
 # --- candidates of a first look --------------------------------------------------------------------
@@ -303,17 +321,16 @@ def draw_candidates(image: NDArray[Any], candidates: Sequence[Candidate]) -> Pic
     from grasptrack.images import to_bgr
 
     picture = as_bgr(to_bgr(image))
-    size = max(16, round(picture.shape[0] / 24))
+    canvas, size = Canvas(picture), max(16, round(picture.shape[0] / 24))
     for number in range(min(3, len(candidates)), 0, -1):
-        candidate, colour = candidates[number - 1], CANDIDATE_RGB[number - 1]
-        for contour in candidate.view.contours:
-            draw_polyline(picture, contour.points, (0, 0, 0), max(3, size // 5), closed=True)
-            draw_polyline(picture, contour.points, colour, max(2, size // 9), closed=True)
+        for contour in candidates[number - 1].view.contours:
+            wide = max(2, size // 9)
+            canvas.draw_lines([contour.points], CANDIDATE_RGB[number - 1], wide, max(3, size // 5), closed=True)
     lines = [f"{number}   {100.0 * c.probability:.0f} %" for number, c in enumerate(candidates[:3], 1)]
     wide = max((text_width(line, size, True) for line in lines), default=0)
     picture[: round(1.4 * size * len(lines) + 0.5 * size), : wide + 2 * size] = rgb_to_bgr(style.PANEL_RGB)
     for row, line in enumerate(lines):
-        put_text(picture, line, size, round(1.4 * size * (row + 1)), size, CANDIDATE_RGB[row], True)
+        put_text(picture, line, (size, round(1.4 * size * (row + 1))), size, CANDIDATE_RGB[row], True)
     return picture
 
 
@@ -341,7 +358,15 @@ def grasp_spokes(contacts: Floats) -> list[Floats]:
     return [contacts] if len(contacts) == 2 else [np.vstack([middle, c]) for c in contacts]
 
 
-def sector_polygon(apex: Floats, direction: Floats, half_angle: float, length: float) -> Floats:
+def outward_directions(contacts: Floats) -> Floats:
+    """(k, 2) unit vectors from the middle of the contacts toward each: where its number stands."""
+    away = contacts - contacts.mean(axis=0)
+    return np.asarray(away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9))
+
+
+def sector_polygon(
+    apex: Floats, direction: Floats, half_angle: float, length: float, bent_by: Floats | None = None
+) -> Floats:
     """A sector as a closed polygon (m, 2) px.
 
     Args:
@@ -349,9 +374,15 @@ def sector_polygon(apex: Floats, direction: Floats, half_angle: float, length: f
         direction: (2,) of its middle.
         half_angle: rad.
         length: px from apex to arc.
+        bent_by: (2, 2) that maps each of its directions; None where nothing does.
     """
-    angles = math.atan2(direction[1], direction[0]) + half_angle * np.linspace(-1.0, 1.0, 17)
-    return np.vstack([apex, apex + length * np.column_stack([np.cos(angles), np.sin(angles)])])
+    angles = math.atan2(direction[1], direction[0]) + half_angle * _ARC
+    ways = np.column_stack([np.cos(angles), np.sin(angles)])
+    if bent_by is not None:
+        ways = ways @ bent_by.T
+        sizes = np.linalg.norm(ways, axis=1, keepdims=True)
+        ways = ways / np.where(sizes > 0.0, sizes, np.nan)
+    return np.vstack([apex, apex + length * ways])
 
 
 def friction_cones(result: TrackResult, length: float) -> list[Floats]:
@@ -371,17 +402,11 @@ def friction_cones(result: TrackResult, length: float) -> list[Floats]:
         H = result.homography
     elif result.homography is not None and result.rectification is not None and result.analysis.judged_in == "plane":
         H = result.homography @ np.linalg.inv(result.rectification)
-    polygons = []
-    for contact, normal in zip(result.contacts, result.analysis.normals, strict=False):
-        angles = math.atan2(normal[1], normal[0]) + half * _ARC
-        directions = np.column_stack([np.cos(angles), np.sin(angles)])
-        if H is not None:
-            directions = directions @ jacobian_at(H, contact).T
-        norms = np.linalg.norm(directions, axis=1, keepdims=True)
-        if not np.isfinite(norms).all() or norms.min() <= 0.0:
-            continue
-        polygons.append(np.vstack([contact, contact + length * directions / norms]))
-    return polygons
+    polygons = [
+        sector_polygon(contact, normal, half, length, None if H is None else jacobian_at(H, contact))
+        for contact, normal in zip(result.contacts, result.analysis.normals, strict=False)
+    ]
+    return [polygon for polygon in polygons if np.isfinite(polygon).all()]
 
 
 def jacobian_at(H_current_reference: Floats, point: Floats) -> Floats:

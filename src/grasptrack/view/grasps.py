@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from textwrap import wrap
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,24 +13,21 @@ from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
 from grasptrack.view.panel import (
-    CONE,
     FINGER,
-    LINE,
-    NEIGHBOUR,
     PAGE,
     PAGE_DPI,
-    REGION,
     Panel,
     TextColumn,
     add_panel,
     aspect_of,
+    draw_legend,
     grasp_opening,
     image_window,
     mute_image,
     panel_grid,
     quiet_corner,
 )
-from grasptrack.view.style import INK, MUTED, RULE, add_legend, create_figure, save_whole, text_width
+from grasptrack.view.style import INK, MUTED, create_figure, save_whole, text_width
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
@@ -40,8 +36,6 @@ if TYPE_CHECKING:
 
 
 _ROW = 0.29
-_CHARACTERS = 64
-"""That a line of 11 points in the column holds."""
 
 
 def format_quality(quality: float) -> str:
@@ -72,12 +66,6 @@ class GraspColumn(TextColumn):
         """left, bottom, width and height in inches of what is left of the column."""
         return self._left, self._bottom, self._width, self._y - self._bottom
 
-    def write_heading(self, text: str) -> None:
-        """A line in bold."""
-        self._y -= 0.3
-        self._write_text(self._left, self._y, text, 13.0, weight="bold")
-        self._y -= 0.1
-
     def write_best(self, grasp: RankedGrasp, px_per_mm: float | None, cut: bool) -> None:
         """The best grasp: what it is, and its quality with the terms that it is the product of."""
         kind = "spread: pushed outward" if grasp.spread else "squeezed"
@@ -87,24 +75,24 @@ class GraspColumn(TextColumn):
         facts = (
             f"opening {grasp_opening(grasp):.0f} px{mm}    margin {math.degrees(grasp.margin):.1f}°    slip ± {slip} px"
         )
-        self._write_lines(facts)
+        self.write_lines(facts)
         if cut:
-            self._write_lines("Cut by the border: the centre is that of the part in view.")
+            self.write_lines("Cut by the border: the centre is that of the part in view.")
         self._y -= 0.06
-        self._draw_bar("quality", grasp.quality, INK)
+        self._write_bar("quality", grasp.quality, INK)
         for name, value in grasp.terms._asdict().items():
-            self._draw_bar(name, value, FINGER)
+            self._write_bar(name, value, FINGER)
         self._y -= 0.14
 
     def write_no_grasp(self, grasps: GraspList) -> None:
         """Why there is no grasp, and how many candidates fell to what."""
         self.write_heading("No grasp")
-        self._write_lines(grasps.reason)
+        self.write_lines(grasps.reason)
         if grasps.refused:
             self._y -= 0.1
             self.write_heading("Candidates refused")
             for reason, count in list(grasps.refused.items())[:12]:
-                self._write_lines(f"{count} ×  {reason}")
+                self.write_lines(f"{count} ×  {reason}")
 
     def write_caption(self, box: tuple[float, float, float, float], rank: str, text: str) -> None:
         """Rank and a few words above a small panel."""
@@ -114,39 +102,12 @@ class GraspColumn(TextColumn):
         self._write_text(left, y, rank, 11.0, weight="bold")
         self._write_text(left + start, y, text, min(10.0, 0.92 * (box[2] - start) / wide), color=MUTED)
 
-    def _write_lines(self, text: str) -> None:
-        for line in wrap(text, _CHARACTERS):
-            self._y -= 0.21
-            self._write_text(self._left, self._y, line, 11.0)
-
-    def _draw_bar(self, name: str, value: float, colour: str) -> None:
+    def _write_bar(self, name: str, value: float, colour: str) -> None:
         self._y -= _ROW
-        start, room = self._left + 0.85, self._width - 1.45
         weight = "bold" if name == "quality" else "normal"
         self._write_text(self._left, self._y, name, 11.0, weight=weight)
-        self._draw_box(start, self._y - 0.02, room, 0.17, RULE)
-        self._draw_box(start, self._y - 0.02, min(max(value, 0.0), 1.0) * room, 0.17, colour)
+        self._draw_bar(self._left + 0.85, self._width - 1.45, 0.17, value, colour)
         self._write_text(self._left + self._width, self._y, format_quality(value), 11.0, weight=weight, ha="right")
-
-
-def draw_legend(axes: Any, grasp: bool, several: bool, neighbours: bool) -> None:
-    """What is what, below the large panel."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    handles: list[Any] = []
-    if grasp:
-        handles.append(Patch(facecolor=FINGER, edgecolor=FINGER, alpha=0.7, label="finger"))
-    if grasp and not several:
-        handles.append(Line2D([], [], color=FINGER, lw=1.8, ls=(0, (3, 2)), label="its way in"))
-        handles.append(Patch(facecolor=CONE, label="friction cone"))
-        handles.append(Line2D([], [], color=REGION, lw=5, label="where it may slip to"))
-    if grasp:
-        handles.append(Line2D([], [], color=LINE, lw=2, marker="o", mec="white", label="contacts"))
-    if neighbours and not several:
-        handles.append(Line2D([], [], color=NEIGHBOUR, lw=1.6, ls=(0, (4, 3)), label="neighbours"))
-    if handles:
-        add_legend(axes, handles)
 
 
 SHOWN = 9
@@ -231,7 +192,10 @@ def _draw_main_panel(figure: Any, picture: NDArray[np.uint8], objects: Sequence[
             panel.draw_grasp(o.grasps[0], o.outline, friction)
         if several:
             panel.draw_label(str(i + 1), _number_position(o), 9.0)
-    draw_legend(panel.axes, bool(best), several, any(o.neighbours for o in objects))
+    alone = bool(best) and not several
+    marks: dict[str, str | bool] = {"finger": bool(best), "its way in": alone, "friction cone": alone}
+    marks |= {"where it may slip to": alone, "grasp": "contacts" if best else False}
+    draw_legend(panel.axes, {**marks, "neighbours": not several and bool(objects[0].neighbours)})
 
 
 def _close_up(figure: Any, picture: NDArray[np.uint8], panel: Panel, found: Planned, friction: float) -> bool:

@@ -6,30 +6,33 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 from pathlib import Path
-from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.trackability.motions import SLIDING, sliding_displacement
-from grasptrack.trackability.report import Entry, describe_expectation, report_rows
+from grasptrack.trackability.report import FAINT, Entry, describe_expectation, report_rows
 from grasptrack.typing import Floats
 from grasptrack.view import style
-from grasptrack.view.draw import grasp_spokes
+from grasptrack.view.draw import outward_directions
 from grasptrack.view.panel import (
-    LINE,
-    NEIGHBOUR,
+    BAD,
+    CLEAR,
     PAGE,
     PAGE_DPI,
+    PEAK,
+    WEAK,
     Panel,
     TextColumn,
     add_panel,
+    draw_legend,
     image_window,
     mute_image,
     quiet_corner,
+    wrap_to_width,
 )
-from grasptrack.view.style import add_legend, create_figure, hex_colour, save_whole, text_width
+from grasptrack.view.style import create_figure, save_whole
 
 if TYPE_CHECKING:
     from grasptrack.trackability import Suitability
@@ -37,9 +40,7 @@ if TYPE_CHECKING:
     from grasptrack.trackability.result import Held
 
 
-CLEAR, WEAK, BAD = (hex_colour(style.STATUS_RGB[s]) for s in ("tracked", "unstable", "lost"))
 LEVEL = {"good": CLEAR, "fair": WEAK, "poor": BAD}
-PEAK = hex_colour(style.STRATEGY_RGB["grasp-line"])
 _REASONS = 3
 """Reasons that are written out."""
 
@@ -56,17 +57,17 @@ class Sheet(TextColumn):
         taken = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"
         self._write_text(self._left + 1.35, PAGE[1] - 0.44, taken, 13.0, weight="bold")
         if told := describe_expectation(found):
-            self._write_lines(_as_sentence(f"expected: {told}"), 10.5)
+            self.write_lines(_as_sentence(f"expected: {told}"), 10.5)
         if not found.reasons:
-            self._write_lines("Nothing speaks against it.", 11.0)
+            self.write_lines("Nothing speaks against it.", 11.0)
         for reason in found.reasons[:_REASONS]:
             self._y -= 0.02
             self._draw_box(self._left, self._y - 0.21, 0.09, 0.15, WEAK)
-            self._write_lines(_as_sentence(reason.text), 11.0, indent=0.2)
+            self.write_lines(_as_sentence(reason.text), 11.0, indent=0.2)
             if reason.advice:
-                self._write_lines(f"Would help: {reason.advice}.", 10.5, indent=0.2, color=style.MUTED)
+                self.write_lines(f"Would help: {reason.advice}.", 10.5, indent=0.2, color=style.MUTED)
         if len(found.reasons) > _REASONS:
-            self._write_lines(
+            self.write_lines(
                 f"and {len(found.reasons) - _REASONS} more in inspect.json", 10.5, indent=0.2, color=style.MUTED
             )
 
@@ -81,8 +82,7 @@ class Sheet(TextColumn):
             self._y -= 0.235
             seen = "homography" in motion.observed
             self._write_text(self._left, self._y, motion.name, 10.5)
-            self._draw_box(start, self._y - 0.02, room, 0.14, style.RULE)
-            self._draw_box(start, self._y - 0.02, room * min(motion.shown, 1.0), 0.14, CLEAR if seen else BAD)
+            self._draw_bar(start, room, 0.14, motion.shown, CLEAR if seen else BAD)
             self._write_text(start + room + 0.12, self._y, f"{100.0 * motion.shown:.0f} %", 10.5)
             flat = "also under tilt" if seen else "only while flat" if "similarity" in motion.observed else "no"
             self._write_text(
@@ -102,7 +102,7 @@ class Sheet(TextColumn):
 
     def _write_row(self, row: Entry) -> None:
         start = self._left + 2.35
-        lines = _wrap_to_width(row.note, self._width - 2.35, 10.0) or [""]
+        lines = wrap_to_width(row.note, self._width - 2.35, 10.0) or [""]
         if self._y - 0.2 * len(lines) < 0.1:
             return
         self._y -= 0.215
@@ -113,50 +113,9 @@ class Sheet(TextColumn):
             self._y -= 0.17 * (i > 0)
             self._write_text(start, self._y, line, 10.0)
 
-    def _write_lines(self, text: str, size: float, indent: float = 0.0, **more: Any) -> None:
-        for line in _wrap_to_width(text, self._width - indent, size):
-            self._y -= 0.21
-            self._write_text(self._left + indent, self._y, line, size, **more)
-
 
 def _as_sentence(text: str) -> str:
     return text[:1].upper() + text[1:] + "."
-
-
-def _wrap_to_width(text: str, room: float, size: float) -> list[str]:
-    """Lines of a text that are at most so many inches wide at a size in points."""
-    whole = max(text_width(text, 100) / 7200.0 * size, 1e-6)
-    return wrap(text, max(12, int(0.97 * len(text) * room / whole))) if text else []
-
-
-def draw_legend(axes: Any, found: Suitability, times: float) -> None:
-    """What is what, below the large panel."""
-    from matplotlib.lines import Line2D
-
-    from grasptrack.trackability.report import FAINT
-
-    edges = found.edges
-    weak = edges.clear & (edges.strength < FAINT)
-    handles: list[Any] = [Line2D([], [], color=CLEAR, lw=4, label="clear edge")]
-    if weak.any():
-        handles.append(Line2D([], [], color=WEAK, lw=4, label="faint edge"))
-    if not edges.clear.all():
-        handles.append(Line2D([], [], color=BAD, lw=5, label="no edge"))
-    if len(found.peaks):
-        handles.append(Line2D([], [], color=PEAK, marker="D", ms=7, lw=0, label="peaks"))
-    if found.motions.slide is not None:
-        handles.append(Line2D([], [], color=BAD, marker=r"$\rightarrow$", ms=14, lw=0, label="outline slides"))
-    if found.symmetry.every or found.symmetry.turns:
-        ring: dict[str, Any] = {"marker": "o", "ms": 9, "mfc": "none", "mew": 2.0}
-        handles.append(Line2D([], [], color=style.MUTED, lw=0, label="ways it fits itself", **ring))
-    if found.equals:
-        handles.append(Line2D([], [], color=NEIGHBOUR, lw=1.6, ls=(0, (4, 3)), label="its equals"))
-    if found.grasp is not None:
-        large = ", not fixed" if found.by == "nothing" else "" if times == 1.0 else f", drawn {times:g} ×"
-        label = f"95 % of the errors{large}"
-        handles.append(Line2D([], [], color=LINE, lw=2, marker="o", mec="white", label="grasp"))
-        handles.append(Line2D([], [], color=style.INK, marker="o", ms=12, mfc="none", lw=0, label=label))
-    add_legend(axes, handles)
 
 
 _MAIN = (0.2, 0.62, 9.2, 7.7)
@@ -189,20 +148,37 @@ def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, tit
     panel = add_panel(figure, picture, shown, _MAIN)
     times = ellipse_magnification(found, panel.px_per_point)
     panel.draw_neighbours(found.equals, 1.6)
-    _draw_outline(panel, found)
+    _draw_edges(panel, found)
     _draw_symmetry(panel, found)
     _draw_slides(panel, found)
     if len(found.peaks):
         panel.axes.plot(*found.peaks.T, "D", color=PEAK, ms=8.0, mec=style.DARK, mew=1.2, zorder=4)
     if found.grasp is not None:
-        _draw_grasp(panel, found.grasp, times)
-    draw_legend(panel.axes, found, times)
+        _draw_errors(panel, found.grasp, times)
+    draw_legend(panel.axes, _marks_shown(found, times))
     sheet = Sheet(figure, _RIGHT)
     sheet.write_title(title, _MAIN[0])
     sheet.write_verdict(found)
     sheet.draw_motions(found.motions)
     sheet.write_table(found)
     save_whole(figure, path, PAGE_DPI)
+
+
+def _marks_shown(found: Suitability, times: float) -> dict[str, str | bool]:
+    """What the legend says."""
+    edges, large = found.edges, "" if times == 1.0 else f", drawn {times:g} ×"
+    errors = f"95 % of the errors{', not fixed' if found.by == 'nothing' else large}"
+    return {
+        "clear edge": True,
+        "faint edge": bool((edges.clear & (edges.strength < FAINT)).any()),
+        "no edge": not edges.clear.all(),
+        "peaks": len(found.peaks) > 0,
+        "outline slides": found.motions.slide is not None,
+        "ways it fits itself": bool(found.symmetry.every or found.symmetry.turns),
+        "neighbours": "its equals" if found.equals else False,
+        "grasp": found.grasp is not None,
+        "errors": errors if found.grasp is not None else False,
+    }
 
 
 def ellipse_magnification(found: Suitability, px_per_point: float) -> float:
@@ -215,10 +191,8 @@ def ellipse_magnification(found: Suitability, px_per_point: float) -> float:
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted)
 
 
-def _draw_outline(panel: Panel, found: Suitability) -> None:
+def _draw_edges(panel: Panel, found: Suitability) -> None:
     """The outline, each part in the colour of its edge, on one dark casing."""
-    from grasptrack.trackability.report import FAINT
-
     edges = found.edges
     for i, contour in enumerate(found.view.contours):
         own = edges.contour == i
@@ -285,15 +259,13 @@ def _free_place(panel: Panel, found: Suitability, radius: float) -> Floats:
     return np.array([x, bottom - 1.6 * radius if corner // 2 else top + 1.6 * radius])
 
 
-def _draw_grasp(panel: Panel, grasp: Held, times: float) -> None:
+def _draw_errors(panel: Panel, grasp: Held, times: float) -> None:
     """The line between the contacts, and round each the ellipse that holds it with 95 %, enlarged."""
     from matplotlib.patches import Ellipse
 
-    contacts = grasp.contacts
-    middle = contacts.mean(axis=0)
-    for spoke in grasp_spokes(contacts):
-        panel.draw_line(spoke, LINE, 2.0)
-    for i, (contact, covariance) in enumerate(zip(contacts, grasp.covariance, strict=True)):
+    panel.draw_grasp_line(grasp.contacts, 2.0, 7.0)
+    ways = outward_directions(grasp.contacts)
+    for i, (contact, covariance, away) in enumerate(zip(grasp.contacts, grasp.covariance, ways, strict=True)):
         size, V = np.linalg.eigh(covariance)
         half = times * _INSIDE_95 * np.sqrt(np.maximum(size, 0.0))
         open_ended = half.max() > _FARTHEST * panel.px_per_point
@@ -301,22 +273,7 @@ def _draw_grasp(panel: Panel, grasp: Held, times: float) -> None:
         turn = math.degrees(math.atan2(V[1, 1], V[0, 1]))
         line_style = (0, (2, 1.5)) if open_ended else "-"
         for colour, wide in ((style.DARK, 4.0), ("white", 2.0)):
-            ring = Ellipse(
-                tuple(contact),
-                2.0 * half[1],
-                2.0 * half[0],
-                angle=turn,
-                fill=False,
-                ec=colour,
-                lw=wide,
-                ls=line_style,
-                zorder=5,
-            )
-            panel.axes.add_patch(ring)
-        panel.axes.plot(*contact, "o", color=LINE, ms=7.0, mec="white", mew=1.4, zorder=6)
-        away = contact - middle
-        away /= max(float(np.hypot(*away)), 1e-9)
-        reach = math.sqrt(float(away @ V @ np.diag(half**2) @ V.T @ away))
-        panel.draw_label(
-            str(i + 1), contact + (min(reach, 60.0 * panel.px_per_point) + 15.0 * panel.px_per_point) * away
-        )
+            look = {"fill": False, "ec": colour, "lw": wide, "ls": line_style, "zorder": 3.5}  # below the contact's dot
+            panel.axes.add_patch(Ellipse(tuple(contact), 2.0 * half[1], 2.0 * half[0], angle=turn, **look))
+        reach = min(math.sqrt(float(away @ V @ np.diag(half**2) @ V.T @ away)), 60.0 * panel.px_per_point)
+        panel.draw_label(str(i + 1), contact + (reach + 15.0 * panel.px_per_point) * away)

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,8 +14,8 @@ from numpy.typing import NDArray
 from grasptrack.typing import Floats
 from grasptrack.undistortion import SeenGrasp
 from grasptrack.view import style
-from grasptrack.view.draw import as_bgr, grasp_spokes, sector_polygon
-from grasptrack.view.style import hex_colour
+from grasptrack.view.draw import as_bgr, cone_length, grasp_spokes, sector_polygon
+from grasptrack.view.style import add_legend, hex_colour, text_width
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
@@ -192,6 +193,39 @@ FINGER, CONE, REGION, NEIGHBOUR = (
     hex_colour(c) for c in (style.FINGER_RGB, style.CONE_RGB, style.REGION_RGB, style.NEIGHBOUR_RGB)
 )
 LINE = hex_colour(style.STATUS_RGB["tracked"])
+CLEAR, WEAK, BAD = (hex_colour(style.STATUS_RGB[s]) for s in ("tracked", "unstable", "lost"))
+PEAK = hex_colour(style.STRATEGY_RGB["grasp-line"])
+_DASHED = (0, (4, 3))
+_MARKS: dict[str, dict[str, Any]] = {
+    "finger": {"facecolor": FINGER, "edgecolor": FINGER, "alpha": 0.7},
+    "its way in": {"color": FINGER, "lw": 1.8, "ls": (0, (3, 2))},
+    "friction cone": {"facecolor": CONE},
+    "where it may slip to": {"color": REGION, "lw": 5},
+    "clear edge": {"color": CLEAR, "lw": 4},
+    "faint edge": {"color": WEAK, "lw": 4},
+    "no edge": {"color": BAD, "lw": 5},
+    "peaks": {"color": PEAK, "marker": "D", "ms": 7, "lw": 0},
+    "outline slides": {"color": BAD, "marker": r"$\rightarrow$", "ms": 14, "lw": 0},
+    "ways it fits itself": {"color": style.MUTED, "marker": "o", "ms": 9, "mfc": "none", "mew": 2.0, "lw": 0},
+    "neighbours": {"color": NEIGHBOUR, "lw": 1.6, "ls": _DASHED},
+    "grasp": {"color": LINE, "lw": 2, "marker": "o", "mec": "white"},
+    "errors": {"color": style.INK, "marker": "o", "ms": 12, "mfc": "none", "lw": 0},
+}
+"""What a legend shows of each mark: an area where it has a face, else a line or a marker."""
+
+
+def draw_legend(axes: Any, shown: Mapping[str, str | bool]) -> None:
+    """What is what, below a panel: the marks that are shown, True or the words for it where its name is not what to say."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles: list[Any] = []
+    for mark, words in shown.items():
+        if words:
+            label, look = words if isinstance(words, str) else mark, _MARKS[mark]
+            handles.append(Patch(label=label, **look) if "facecolor" in look else Line2D([], [], label=label, **look))
+    if handles:
+        add_legend(axes, handles)
 
 
 def mute_image(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -252,7 +286,7 @@ class Panel:
         """Outlines of what else lies there."""
         for view in views:
             points = view.outer.points
-            self.draw_line(np.vstack([points, points[:1]]), NEIGHBOUR, width, linestyle=(0, (4, 3)))
+            self.draw_line(np.vstack([points, points[:1]]), NEIGHBOUR, width, linestyle=_DASHED)
 
     def draw_polygon(self, corners: Floats, colour: str, opacity: float, width: float) -> None:
         """A translucent area with a solid edge."""
@@ -264,7 +298,7 @@ class Panel:
         """Fingers and the line between them."""
         for finger in grasp.fingers:
             self.draw_polygon(finger, FINGER, 0.45, 1.0)
-        self._grasp_line(grasp, 1.6, 3.5)
+        self.draw_grasp_line(grasp.contacts, 1.6, 3.5)
 
     def draw_grasp(self, grasp: RankedGrasp, view: View, friction: float) -> None:
         """All of a grasp: ways in, fingers, cones, regions, line, and the contacts' numbers."""
@@ -275,7 +309,7 @@ class Panel:
         for piece in slip_strips(grasp, view):
             if len(piece):
                 self.draw_line(piece, REGION, 5.0, solid_capstyle="butt")
-        self._grasp_line(grasp, 2.2, 7.0)
+        self.draw_grasp_line(grasp.contacts, 2.2, 7.0)
         for i, (contact, way) in enumerate(zip(grasp.contacts, grasp.directions, strict=True)):
             self._draw_motion(contact, way, grasp.swept[i], str(i + 1), grasp.spread)
 
@@ -298,17 +332,16 @@ class Panel:
         font = {"ha": "center", "va": "center", "fontsize": size, "fontweight": "bold", "color": "white"}
         self.axes.text(x, y, text, bbox=box, zorder=6, **font)
 
-    def _draw_cones(self, grasp: RankedGrasp, view: View, friction: float) -> None:
-        reach = float(np.linalg.norm(grasp.contacts - grasp.contacts.mean(axis=0), axis=1).mean())
-        length = min(max(0.6 * reach, 16.0 * self.px_per_point), 90.0 * self.px_per_point)
-        for contact, normal in zip(grasp.contacts, inward_normals(grasp, view, friction), strict=True):
-            self.draw_polygon(sector_polygon(contact, normal, math.atan(friction), length), CONE, 0.38, 1.0)
-
-    def _grasp_line(self, grasp: RankedGrasp, width: float, mark: float) -> None:
-        contacts = grasp.contacts
+    def draw_grasp_line(self, contacts: Floats, width: float, mark: float) -> None:
+        """The lines that stand for a grasp, and a dot at each contact, `mark` points wide."""
         for spoke in grasp_spokes(contacts):
             self.draw_line(spoke, LINE, width)
         self.axes.plot(contacts[:, 0], contacts[:, 1], "o", color=LINE, ms=mark, mec="white", mew=0.2 * mark, zorder=4)
+
+    def _draw_cones(self, grasp: RankedGrasp, view: View, friction: float) -> None:
+        length = cone_length(grasp.contacts, 1.25 * self.px_per_point)
+        for contact, normal in zip(grasp.contacts, inward_normals(grasp, view, friction), strict=True):
+            self.draw_polygon(sector_polygon(contact, normal, math.atan(friction), length), CONE, 0.38, 1.0)
 
     def _distance_to_border(self, start: Floats, way: Floats) -> float:
         """px from a point to the window's border in a direction."""
@@ -369,12 +402,35 @@ class TextColumn:
         if more:
             self._write_text(self._left + self._width, y, more, 12.0, color=style.MUTED, ha="right")
 
+    def write_heading(self, text: str) -> None:
+        """A line in bold."""
+        self._y -= 0.3
+        self._write_text(self._left, self._y, text, 13.0, weight="bold")
+        self._y -= 0.1
+
+    def write_lines(self, text: str, size: float = 11.0, indent: float = 0.0, **more: Any) -> None:
+        """A text in as many lines as the column's width makes of it."""
+        for line in wrap_to_width(text, self._width - indent, size):
+            self._y -= 0.21
+            self._write_text(self._left + indent, self._y, line, size, **more)
+
     def _write_text(self, x: float, y: float, text: str, size: float, **more: Any) -> None:
         font = {"color": style.INK, "va": "baseline", "parse_math": False, **more}
         self._figure.text(x / PAGE[0], y / PAGE[1], text, fontsize=size, **font)
+
+    def _draw_bar(self, left: float, width: float, height: float, share: float, colour: str) -> None:
+        """A bar in the present line, of which a share between 0 and 1 is filled."""
+        self._draw_box(left, self._y - 0.02, width, height, style.RULE)
+        self._draw_box(left, self._y - 0.02, min(max(share, 0.0), 1.0) * width, height, colour)
 
     def _draw_box(self, left: float, bottom: float, width: float, height: float, colour: str) -> None:
         from matplotlib.patches import Rectangle
 
         place = (left / PAGE[0], bottom / PAGE[1]), width / PAGE[0], height / PAGE[1]
         self._figure.add_artist(Rectangle(*place, facecolor=colour, transform=self._figure.transFigure))
+
+
+def wrap_to_width(text: str, room: float, size: float) -> list[str]:
+    """Lines of a text that are at most so many inches wide at a size in points."""
+    whole = max(text_width(text, 100) / 7200.0 * size, 1e-6)
+    return wrap(text, max(12, int(0.97 * len(text) * room / whole))) if text else []

@@ -61,12 +61,12 @@ def create_figure(width: float, height: float, **more: Any) -> Any:
     return figure
 
 
-def add_legend(axes: Any, handles: Sequence[Any]) -> None:
-    """A legend below a panel, in as many rows as keep it from running out beside the panel."""
+def add_legend(axes: Any, handles: Sequence[Any], most: int | None = None) -> None:
+    """A legend below a panel, with `most` entries in a row, or as many as keep it from running out beside the panel."""
     place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.005), "borderaxespad": 0.3, "borderpad": 0.0}
     style = {"frameon": False, "fontsize": 11, "labelcolor": INK, "handlelength": 1.6, "columnspacing": 1.3}
     room = axes.get_window_extent().width
-    for columns in range(len(handles), 0, -1):
+    for columns in range(min(len(handles), most or len(handles)), 0, -1):
         legend = axes.legend(handles=handles, ncols=columns, **place, **style)
         if legend.get_window_extent(axes.figure.canvas.get_renderer()).width <= room:
             break
@@ -83,16 +83,16 @@ def text_width(text: str, size: int, bold: bool = False) -> int:
     return int(_render_text(text, size, bold)[0].shape[1])
 
 
-def put_text(picture: Picture, text: str, x: int, baseline: int, size: int, colour: Colour, bold: bool = False) -> None:
-    """Write a line of text from x on a baseline y, in place; what falls outside the picture is cut off.
+def put_text(picture: Picture, text: str, at: tuple[int, int], size: int, colour: Colour, bold: bool = False) -> None:
+    """Write a line of text from `at`, x and the baseline's y, in place; what falls outside the picture is cut off.
 
     OpenCV's stroke fonts are hard to read at this size, so the typeface is the one that comes with matplotlib.
     """
     if not text:
         return
     alpha, descent = _render_text(text, size, bold)
-    top = baseline + descent - alpha.shape[0]
-    blend_colour(picture, alpha, x, top, colour)
+    x, baseline = at
+    blend_colour(picture, alpha, x, baseline + descent - alpha.shape[0], colour)
 
 
 def ellipsise_text(text: str, room: int, size: int, bold: bool = False) -> str:

@@ -12,7 +12,7 @@ from grasptrack.grasp.contacts import GraspList, RankedGrasp, Terms
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, check_friction, check_width
 from grasptrack.grasp.hand import Hand
 from grasptrack.grasp.synthesis.limits import UnevennessLimits
-from grasptrack.grasp.synthesis.search import find_grasps
+from grasptrack.grasp.synthesis.search import AskedGrasps, find_grasps
 
 __all__ = ["GraspList", "RankedGrasp", "Terms", "synthesize"]
 
@@ -93,4 +93,4 @@ def synthesize(
     if hand is None:
         hand = Hand() if finger_width is None else Hand(finger_width=finger_width)
     beside = [as_outline(neighbour) for neighbour in neighbours]
-    return find_grasps(as_view(outline), fingers, friction, top, hand, beside, UnevennessLimits())
+    return find_grasps(as_view(outline), AskedGrasps(fingers, friction, top), hand, beside, UnevennessLimits())

@@ -44,16 +44,19 @@ class _Look(NamedTuple):
     refused: dict[str, int]
 
 
+class AskedGrasps(NamedTuple):
+    """What is asked for: the hand's fingers, the friction, how many grasps at most."""
+
+    fingers: int
+    friction: float
+    top: int
+
+
 def find_grasps(
-    view: View,
-    fingers: int,
-    friction: float,
-    top: int,
-    hand: Hand,
-    neighbours: Sequence[Outline],
-    limits: UnevennessLimits,
+    view: View, asked: AskedGrasps, hand: Hand, neighbours: Sequence[Outline], limits: UnevennessLimits
 ) -> GraspList:
     """As `synthesize`, with the limits on how uneven the outline under a finger may be."""
+    fingers, friction, top = asked
     area, cx, cy, *_ = kernels.polygon_moments(view.points, view.offsets)
     px = hand.in_px(math.sqrt(area))
 

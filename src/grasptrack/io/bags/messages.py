@@ -105,7 +105,7 @@ class MessageImages:
 
     def _decode_compressed(self, message: Any, name: str) -> Image:
         image = decode_image(bytes(message.data), name)
-        first, _, rest = str(message.format).partition(";")
+        first, _, rest = str(message.format).partition(";")  # "bayer_rggb8; png compressed bayer_rggb8"
         within = rest.partition("compressed")[2].strip() or first.strip()
         if image.ndim == 2 and within.startswith("bayer"):  # the mosaic itself was compressed
             return self._to_eight_bits(image, ros_format(within)._replace(bits=8 * image.dtype.itemsize))

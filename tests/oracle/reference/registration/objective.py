@@ -28,7 +28,7 @@ from reference.registration.edges import (
 )
 from reference.registration.pyramid import Pyramid, clamp_to_int, transform_points, upper_median
 from reference.registration.target import Target, bent
-from reference.registration.texture import Matches, join_matches, match_patches, texture_weights
+from reference.registration.texture import AGREEING, Matches, join_matches, match_patches, texture_weights
 
 MOST_THETA = 1.2
 """Of the log of the focal length, and of the normal's slopes: a view beyond it is not believable."""
@@ -40,6 +40,8 @@ MOST_SPAN = 46
 """Work px of a profile on either side of a sample, at most."""
 EDGE_ROUNDS = 20
 """Times that edges are explained and fitted: till the explanation stays."""
+STILL_FROM, STILL_SHARE = 1.0, 0.25
+"""px that the object's middle has moved from which on what stands still is none of it, and share of that which is still."""
 NEVER = 1e-12
 """Share of a state that is left out."""
 
@@ -171,13 +173,18 @@ class Objective:
 
     def matches(self, G: Floats) -> Matches:
         """The patches of the finest levels on the image seen through a pose G (3, 3)."""
-        floor, noise = self.numbers["texture_floor"], self.target.noise
-        return join_matches(
-            [
-                match_patches(self.pyramid, G, s, self._seen_at(s.places, s.rows), noise, floor * s.stride)
-                for s in self.target.texture[:FINE_LEVELS]
-            ]
+        floor, noise, sets = self.numbers["texture_floor"], self.target.noise, self.target.texture[:FINE_LEVELS]
+        here, still = (
+            join_matches([match_patches(self.pyramid, H, s, at(s), noise, floor * s.stride) for s in sets])
+            for H, at in ((G, lambda s: self._seen_at(s.places, s.rows)), (self.target.A, lambda s: s.places))
         )
+        points = np.concatenate([self.target.centre[None], *(s.places for s in sets)])
+        pairs = (np.array(transform_points(H, *points.T)) for H in (G, self.target.A))
+        middle, *ways = np.hypot(*np.subtract(*pairs))
+        if middle > STILL_FROM:  # what the first view had there as well is the lens's or the camera's
+            own = (here.correlation > AGREEING) & (np.array(ways) > STILL_SHARE * middle)
+            here = here._replace(inside=here.inside & (own | (still.correlation <= AGREEING)))
+        return here
 
     def candidates(self, G: Floats, reach: int) -> Candidates:
         """The edges on the normals of the image seen through a pose G (3, 3)."""

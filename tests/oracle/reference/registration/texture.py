@@ -24,6 +24,8 @@ LEAST_PATCHES, CHANCE = 4, 0.12
 """Patches that texture must rest on, and the share of all that may agree by chance."""
 SCHARR_NOISE = (2.0 * 10.0**2 + 4.0 * 3.0**2) / 32.0**2
 """Variance of Scharr's gradients of noise of variance 1."""
+AGREEING = 0.5
+"""Correlation from which on a patch shows the same."""
 
 
 class Matches(NamedTuple):
@@ -196,6 +198,6 @@ def texture_weights(matches: Matches, prior: Floats, gradient: Floats, numbers: 
         scale = max(1.0, float(upper_median(distance[inside])) / MEDIAN)
         freedom = numbers["texture_freedom"]
         weight = np.where(inside, (freedom + 2.0) / (freedom + distance / scale), 0.0)
-        agreeing = int((inside & (distance / scale < 9.0) & (matches.correlation > 0.5)).sum())
+        agreeing = int((inside & (distance / scale < 9.0) & (matches.correlation > AGREEING)).sum())
     enough = agreeing >= LEAST_PATCHES + CHANCE * len(inside)
     return weight / (scale * numbers["texture_independent"]) if enough else np.zeros(len(inside))
