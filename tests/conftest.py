@@ -78,9 +78,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """All is done where a test is marked `whole`, or is slow and not marked `brief`."""
-    slow = item.get_closest_marker("slow") and not item.get_closest_marker("brief")
-    wanted = slow or item.get_closest_marker("whole")
+    """All is done where a test is marked `whole`, or what it names there, or is slow and not marked `brief`."""
+    slow, named = (
+        item.get_closest_marker("slow") and not item.get_closest_marker("brief"),
+        item.get_closest_marker("whole"),
+    )
     for (module, function), short in SHORT.items():
-        own = whole(module, function)
-        setattr(import_module(module), function, own if wanted else short)
+        wanted = slow or (named and (not named.args or function in named.args))
+        setattr(import_module(module), function, whole(module, function) if wanted else short)

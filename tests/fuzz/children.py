@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbered trials in child processes: one that dies or hangs is named, and the others go on."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import signal

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Degenerate contours, drawn by a generator: what people, masks and other programs hand in."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

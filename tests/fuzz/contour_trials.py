@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is done with a degenerate contour through the public API, and what must hold of it."""
 
-from __future__ import annotations
-
 import itertools
 import warnings
 from typing import Any, NamedTuple

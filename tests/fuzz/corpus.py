@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What was found, as small files that anybody can read, and played again."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

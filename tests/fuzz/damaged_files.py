@@ -9,8 +9,6 @@ them, as the commands that do so would take seconds for each.
 The same seed damages alike.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the fuzzers' programs share: their options, how long they go on, and what is told at the end."""
 
-from __future__ import annotations
-
 import time
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections import Counter
@@ -11,17 +9,11 @@ from typing import NamedTuple
 
 
 class Finding(NamedTuple):
-    """What did not end well.
+    """What did not end well."""
 
-    Attributes:
-        case: its number, which makes it again with the seed.
-        sent: what was given, in short.
-        said: what is wrong.
-    """
-
-    case: int
-    sent: str
-    said: str
+    case: int  # its number, which makes it again with the seed
+    sent: str  # what was given, in short
+    said: str  # what is wrong
 
 
 def options(about: str | None, seconds: float = 60.0, **numbers: tuple[int | None, str]) -> Namespace:

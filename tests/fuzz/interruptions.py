@@ -8,8 +8,6 @@ left over. Evaluations and trials are interrupted in one folder until they are f
 a run without interruption holds. The same seed interrupts alike, but for what the machine does meanwhile.
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 import json
@@ -53,6 +51,7 @@ class Verb(NamedTuple):
     arguments: tuple[str, ...]
     check: Callable[[Path], str]
     results: Callable[[Path], object] | None = None
+    says: str = ""  # in the line of an interruption that came when something was done
 
 
 def table(path: Path) -> list[dict[str, str]]:
@@ -98,8 +97,11 @@ def recorded(folder: Path) -> str:
     wrong = readable("grasps.csv", "run.json", "summary.png")(folder)
     if wrong or not (folder / "run.json").exists():
         return wrong
-    ended = json.loads((folder / "run.json").read_text())["ended"]
-    count, rows = images_in(path), len(table(folder / "grasps.csv"))
+    log = json.loads((folder / "run.json").read_text())
+    ended, count, rows = log["ended"], images_in(path), len(table(folder / "grasps.csv"))
+    shown = images_in(folder / "overlay.mp4")
+    if ended != "running" and not rows == shown == log["frames"]:
+        return f"{rows} rows of {log['frames']} frames, {shown} of them in the video"
     whole = count == rows or (ended == "running" and count >= rows - HELD - 2)
     return "" if whole else f"the recording of a run that is {ended} has {count} images for {rows} rows"
 
@@ -115,7 +117,7 @@ def images_in(path: Path) -> int:
 
 EVALUATE = "evaluate scenes --methods auto --shapes bracket --frames 8 --seed 3 --workers 1 --disturbances"
 VERBS = {
-    "track": Verb(("track", "{images}", "--record", "{images}.mcap"), recorded),
+    "track": Verb(("track", "{images}", "--record", "{images}.mcap"), recorded, says="frames; what was computed is in"),
     "inspect": Verb(("inspect", "{images}/000.png", "--runs", "2"), readable("inspect.*", "candidates.png")),
     "servo": Verb(
         ("servo", "--shape", "rectangle", "--seed", "1", "--images", "planar", "--no-video"),
@@ -130,6 +132,7 @@ VERBS = {
         (*EVALUATE.split(), "clean-4dof,noise,bar"),
         readable("evaluation.json", "cases/*.csv", "summary.csv", "summary.json"),
         scored,
+        "the same command goes on with it",
     ),
 }
 
@@ -161,6 +164,7 @@ class Harness:
         self._images = write_images(folder / "images")
         self._whole: dict[str, object] = {}
         self._seconds: dict[str, float] = {}
+        self.told: set[str] = set()  # verbs that were interrupted and said of it what they should
         for name in verbs:
             out, began = folder / "whole" / name, time.monotonic()
             subprocess.run(self._command(name, out), check=True, capture_output=True)
@@ -202,6 +206,8 @@ class Harness:
         if status == -signal.SIGINT and said.startswith("grasptrack: "):
             # Python ends so, which a shell tells as 130, where the signal struck while it ran a string, as for named tuples
             status = INTERRUPTED
+        if status == INTERRUPTED and verb.says in said:
+            self.told.add(name)
         wrong = self._complaint(name, out, status, how, said) or self._left_over(process.pid)
         if wrong:
             return f"bad: {wrong}"

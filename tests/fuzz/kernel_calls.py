@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calls of kernels with odd arguments: drawn by a number, made, and judged."""
 
-from __future__ import annotations
-
 import warnings
 from types import ModuleType
 from typing import Any, NamedTuple

@@ -6,8 +6,6 @@
 The C library counts them (mallinfo2), so that a leak of a few bytes a call is seen where the size of the process says nothing.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import sys
@@ -25,24 +23,13 @@ VARIED = 40
 """Different calls of a kernel, which are made again and again."""
 
 
+COUNTED = ("arena", "ordblks", "smblks", "hblks", "hblkhd", "usmblks", "fsmblks", "uordblks", "fordblks", "keepcost")
+
+
 class _Mallinfo2(ctypes.Structure):
     """Of glibc, `man mallinfo`."""
 
-    _fields_ = tuple(
-        (name, ctypes.c_size_t)
-        for name in [
-            "arena",
-            "ordblks",
-            "smblks",
-            "hblks",
-            "hblkhd",
-            "usmblks",
-            "fsmblks",
-            "uordblks",
-            "fordblks",
-            "keepcost",
-        ]
-    )
+    _fields_ = tuple((name, ctypes.c_size_t) for name in COUNTED)
 
 
 def allocated() -> int:

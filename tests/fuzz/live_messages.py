@@ -6,8 +6,6 @@
 The same seed sends the same messages.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import socket

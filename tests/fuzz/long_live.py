@@ -10,8 +10,6 @@ is looked at what the process holds. Half of the time is for recordings as MCAP,
 Memory that rises in a step once and stays may be glibc's, which keeps an arena for each thread: MALLOC_ARENA_MAX=1 leaves one.
 """
 
-from __future__ import annotations
-
 import gc
 import subprocess
 import sys
@@ -56,17 +54,11 @@ class Held(NamedTuple):
 
 
 class LongLive(NamedTuple):
-    """What was measured in one session.
+    """What was measured in one session."""
 
-    Attributes:
-        counts: of images, rounds, clients, recordings and commands.
-        held: after each round.
-        left: files and threads more than before, once the session has ended.
-    """
-
-    counts: Counter[str]
-    held: list[Held]
-    left: tuple[int, int]
+    counts: Counter[str]  # of images, rounds, clients, recordings and commands
+    held: list[Held]  # after each round
+    left: tuple[int, int]  # files and threads more than before, once the session has ended
 
     @property
     def findings(self) -> list[str]:

@@ -7,8 +7,6 @@ The object is tracked, gone for some images, back elsewhere, covered; images of 
 now and then the tracker is copied, pickled, or replaced by a new one.
 """
 
-from __future__ import annotations
-
 import copy
 import gc
 import pickle

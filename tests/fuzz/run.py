@@ -7,8 +7,6 @@ Whatever dies, hangs for 10 s, raises what no docstring names or answers wrongly
 `tests/fuzz/corpus`, which the tests play again. The same seed gives the same trials.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

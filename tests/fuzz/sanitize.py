@@ -5,8 +5,6 @@ Where Python loads such a module the sanitizer has to be there first (LD_PRELOAD
 it watches. Its own search for leaks is off, as the interpreter keeps what it frees only at its end: `leaks.py` counts bytes.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

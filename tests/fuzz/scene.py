@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Good arguments for every exported kernel, found by the names of its parameters."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 from typing import Any

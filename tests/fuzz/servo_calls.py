@@ -7,8 +7,6 @@ Judged is by where the simulated hand is, what its camera sees and what time it 
 says what makes it again.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices of 4 x 4: threads only wait for each other
@@ -50,29 +48,18 @@ SLOW = gt.Limits(0.3, 0.8, 1.0, 4.0)
 
 
 class Finding(NamedTuple):
-    """What was found wrong.
+    """What was found wrong."""
 
-    Attributes:
-        kind: of `servo_judge.KINDS`.
-        case: options that make it again.
-        said: details.
-    """
-
-    kind: str
-    case: str
-    said: str
+    kind: str  # of `servo_judge.KINDS`
+    case: str  # options that make it again
+    said: str  # details
 
 
 class Ran(NamedTuple):
-    """What came of some sequences.
+    """What came of some sequences."""
 
-    Attributes:
-        counts: sequences, calls, approaches without a fault, and how all ended.
-        findings: what was wrong.
-    """
-
-    counts: Counter[str]
-    findings: list[Finding]
+    counts: Counter[str]  # sequences, calls, approaches without a fault, and how all ended
+    findings: list[Finding]  # what was wrong
 
 
 def draw_approach(rng: np.random.Generator) -> Trial:

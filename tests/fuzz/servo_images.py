@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an uncalibrated camera on the hand sees of a flat part on a table, the tracker on it, and cameras that fail."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass
@@ -29,35 +27,21 @@ LATE = 12
 """Images by which a camera is late."""
 
 CAMERA = (
-    "freezes",
-    "freezes with noise",
-    "answers repeat",
-    "black",
-    "dark",
-    "other camera",
-    "drops out",
-    "late",
+    "freezes", "freezes with noise", "answers repeat", "black", "dark", "other camera", "drops out", "late",
     "out of order",
-)
+)  # fmt: skip
 FAILING = ("arm stands", "pose stuck", "arm drifts", "arm half", "arm runs on")
 CLOCK = ("hour ahead", "hour back", "time stands", "ms")
 FAULTS = ("nothing", "nothing", *CAMERA, *FAILING, *CLOCK)
 
 
 class Shot(NamedTuple):
-    """An image.
+    """An image."""
 
-    Attributes:
-        image: (480, 640) uint8.
-        shot: s, when it was taken.
-        hand: (4, 4), and
-        at: (3,) m, where hand and part were.
-    """
-
-    image: np.ndarray
-    shot: float
-    hand: np.ndarray
-    at: np.ndarray
+    image: np.ndarray  # (480, 640) uint8
+    shot: float  # s, when it was taken
+    hand: np.ndarray  # (4, 4), and
+    at: np.ndarray  # (3,) m, where hand and part were
 
 
 def draw_outline(rng: np.random.Generator, width: float) -> np.ndarray:
@@ -104,21 +88,13 @@ def _warped(texture: np.ndarray, H: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Look:
-    """Of a part and its table.
+    """Of a part and its table."""
 
-    Attributes:
-        outline: (n, 2) m in the part's plane, about `Rendered.anchor`.
-        grey: of the table and of the part, 0 to 255.
-        depth: of their grain.
-        noise: of the camera, in grey levels.
-        texture: its seed.
-    """
-
-    outline: np.ndarray
-    grey: tuple[float, float]
-    depth: tuple[float, float]
-    noise: float
-    texture: int
+    outline: np.ndarray  # (n, 2) m in the part's plane, about `Rendered.anchor`
+    grey: tuple[float, float]  # of the table and of the part, 0 to 255
+    depth: tuple[float, float]  # of their grain
+    noise: float  # of the camera, in grey levels
+    texture: int  # its seed
 
 
 class Rendered(Bench):

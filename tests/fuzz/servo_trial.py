@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A servo, a simulated arm, and everything between them that can fail: what is handed in, and what the judge is told of it."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import math
@@ -32,21 +30,13 @@ Faults = Collection[str]
 
 
 class Handed(NamedTuple):
-    """What comes of a look.
+    """What comes of a look."""
 
-    Attributes:
-        result: the tracker's; None where there is no image.
-        image: it stands for pixels that are new.
-        right: it shows the grasp where it is, and is believed.
-        misled: px by which an image that does not follow the hand is off; 0 where it is the hand's camera's.
-        shot: s, when it was taken, by the true clock.
-    """
-
-    result: gt.TrackResult | None
-    image: bool = False
-    right: bool = False
-    misled: float = 0.0
-    shot: float = 0.0
+    result: gt.TrackResult | None  # the tracker's; None where there is no image
+    image: bool = False  # it stands for pixels that are new
+    right: bool = False  # it shows the grasp where it is, and is believed
+    misled: float = 0.0  # px by which an image that does not follow the hand is off; 0 where it is the hand's camera's
+    shot: float = 0.0  # s, when it was taken, by the true clock
 
 
 class Sight(Protocol):
@@ -102,7 +92,9 @@ class Answers:
         fault = next((f for f in faults if f in FALSE), "")
         if fault != self._fault:
             self._fault, self._base = fault, fresh
-        result = FALSE[fault](self, fresh, rng) if fault else fresh
+        result = fresh
+        if fault:
+            result = CHANGED[fault](fresh) if fault in CHANGED else getattr(self, fault)(fresh, rng)
         if result is None:
             return Handed(None)
         at = next((i for i, (m, _) in enumerate(self._made) if m.frame == self._frame_of(result, fresh)), 0)
@@ -153,9 +145,6 @@ class Answers:
         moved[:2, 2] = shift
         return replace(fresh, contacts=fresh.contacts + shift, homography=moved @ fresh.homography)
 
-    def swap(self, fresh: gt.TrackResult, rng: np.random.Generator) -> gt.TrackResult | None:
-        return fresh if fresh.contacts is None else replace(fresh, contacts=fresh.contacts[::-1].copy())
-
     def nan(self, fresh: gt.TrackResult, rng: np.random.Generator) -> gt.TrackResult | None:
         if fresh.contacts is None:
             return fresh
@@ -180,27 +169,6 @@ class Answers:
             return None if self._given is None or len(made) < 2 else made[-2]
         return fresh
 
-    def lost(self, fresh: gt.TrackResult, rng: np.random.Generator) -> gt.TrackResult | None:
-        return gt.TrackResult(fresh.frame, fresh.time, "lost", "covered", grasp_id=fresh.grasp_id)
-
-    def unstable(self, fresh: gt.TrackResult, rng: np.random.Generator) -> gt.TrackResult | None:
-        return fresh if fresh.contacts is None else replace(fresh, status="unstable", reason="chance")
-
-    def searching(self, fresh: gt.TrackResult, rng: np.random.Generator) -> gt.TrackResult | None:
-        return gt.TrackResult(fresh.frame, fresh.time, "searching", "no object")
-
-    def doubtful(self, fresh: gt.TrackResult, rng: np.random.Generator) -> gt.TrackResult | None:
-        return replace(fresh, confidence=0.2)
-
-    def unsure(self, fresh: gt.TrackResult, rng: np.random.Generator) -> gt.TrackResult | None:
-        return replace(fresh, object_sure=False)
-
-    def open_tilt(self, fresh: gt.TrackResult, rng: np.random.Generator) -> gt.TrackResult | None:
-        return replace(fresh, notice="tilt-open") if fresh.contacts is not None else fresh
-
-    def regrasp(self, fresh: gt.TrackResult, rng: np.random.Generator) -> gt.TrackResult | None:
-        return replace(fresh, grasp_id=7)
-
     def other_count(self, fresh: gt.TrackResult, rng: np.random.Generator) -> gt.TrackResult | None:
         if fresh.contacts is None or fresh.seen is None or fresh.covariance is None:
             return fresh
@@ -212,31 +180,28 @@ class Answers:
         """A new tracker, which counts from 0."""
         return replace(fresh, frame=fresh.frame - (self._base.frame if self._base is not None else 0))
 
-    def timeless(self, fresh: gt.TrackResult, rng: np.random.Generator) -> gt.TrackResult | None:
-        return replace(fresh, time=None)
 
-    def none(self, fresh: gt.TrackResult, rng: np.random.Generator) -> gt.TrackResult | None:
-        return None
-
-
-False_ = Callable[[Answers, gt.TrackResult, np.random.Generator], "gt.TrackResult | None"]
-FALSE: dict[str, False_] = {
-    name: getattr(Answers, name)
-    for name in (
-        "stale", "repeated", "flagged", "frozen", "jump", "swap", "nan", "late", "reordered", "lost", "unstable", "searching",
-        "doubtful", "unsure", "open_tilt", "regrasp", "other_count", "restarted", "timeless", "none",
-    )
-}  # fmt: skip
+CHANGED: dict[str, Callable[[gt.TrackResult], gt.TrackResult | None]] = {
+    "swap": lambda r: r if r.contacts is None else replace(r, contacts=r.contacts[::-1].copy()),
+    "lost": lambda r: gt.TrackResult(r.frame, r.time, "lost", "covered", grasp_id=r.grasp_id),
+    "unstable": lambda r: r if r.contacts is None else replace(r, status="unstable", reason="chance"),
+    "searching": lambda r: gt.TrackResult(r.frame, r.time, "searching", "no object"),
+    "doubtful": lambda r: replace(r, confidence=0.2),
+    "unsure": lambda r: replace(r, object_sure=False),
+    "open_tilt": lambda r: r if r.contacts is None else replace(r, notice="tilt-open"),
+    "regrasp": lambda r: replace(r, grasp_id=7),
+    "timeless": lambda r: replace(r, time=None),
+    "none": lambda r: None,
+}
+"""What a result may be instead, whatever came before."""
+FALSE = (
+    "stale", "repeated", "flagged", "frozen", "jump", "swap", "nan", "late", "reordered", "lost", "unstable", "searching",
+    "doubtful", "unsure", "open_tilt", "regrasp", "other_count", "restarted", "timeless", "none",
+)  # fmt: skip
+"""Methods of `Answers`, and names of CHANGED."""
 POSES = (
-    "pose stuck",
-    "pose stale",
-    "pose jump",
-    "pose moved",
-    "pose inverse",
-    "pose mm",
-    "pose nan",
-    "pose no rotation",
-)
+    "pose stuck", "pose stale", "pose jump", "pose moved", "pose inverse", "pose mm", "pose nan", "pose no rotation",
+)  # fmt: skip
 TIMES = ("time stands", "time back", "hour ahead", "hour back", "time late", "time nan", "ms")
 ARM = ("arm stands", "arm half", "arm drifts", "arm runs on")
 CALLS = ("pause", "hurry", "touched", "stopped", "closed early", "copied")
@@ -244,19 +209,12 @@ CALLS = ("pause", "hurry", "touched", "stopped", "closed early", "copied")
 
 @dataclass
 class Trial:
-    """A servo and its arm.
+    """A servo and its arm."""
 
-    Args:
-        bench: the arm, and where the object is.
-        servo: is called.
-        sight: camera and tracker.
-        judge: is told the truth.
-    """
-
-    bench: Bench
-    servo: gt.GraspServo
-    sight: Sight
-    judge: Judge
+    bench: Bench  # the arm, and where the object is
+    servo: gt.GraspServo  # is called
+    sight: Sight  # camera and tracker
+    judge: Judge  # is told the truth
     twist: np.ndarray = field(default_factory=lambda: np.zeros(6))
     told: float = math.nan  # s of the caller's clock at the last call that was taken
     true: float = math.nan

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What nobody should hand in: arguments spoiled in value, length, type and layout, by a seeded generator."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

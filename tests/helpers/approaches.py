@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cameras that approach a part, with all that is unknown drawn as it is thought to be beforehand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

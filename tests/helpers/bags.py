@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags of ROS 1 and ROS 2, and MCAP files, with images of any encoding, written by rosbags."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

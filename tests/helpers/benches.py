@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Benches with a grain, reflections, shadows and light of their own, with or without a plate on them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A real browser without a window: Debian's chromium and chromium-driver, moved by selenium."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterator

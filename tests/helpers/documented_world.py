@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the Python blocks of README and docs take as given: a part, its neighbours, a robot, marked fingertips and object."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from typing import Protocol, cast

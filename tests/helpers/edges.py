@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes against their truth: where a plane is seen, and where an image shows an edge."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from grasptrack_bench.simulation import Renderer, Scene, TextureMap
+from grasptrack_bench.simulation import Path, Pinhole, Renderer, Scene, TextureMap
 
 REACH, STEPS = 6.0, 121
 
@@ -20,6 +18,13 @@ def flat(level: int) -> TextureMap:
 def plane_to_image(scene: Scene) -> np.ndarray:
     """(F, 3, 3) from the plane of the contacts to ideal px, frame by frame."""
     return scene.path.table_to_image(scene.camera, scene.thickness)
+
+
+def pan(step: float, frames: int, camera: Pinhole) -> Path:
+    """A camera that moves evenly, so that the part moves by `step` px a frame to the left."""
+    distance, still = 4.0, np.zeros(frames)
+    across = np.arange(frames) * step * distance / float(camera.matrix[0, 0])
+    return Path(np.column_stack([across - across.mean(), still]), np.full(frames, distance), still, still, still)
 
 
 def renderer(scene: Scene) -> Renderer:

@@ -8,8 +8,6 @@ grasps.csv is compared to the byte, but for latency, where versions and processo
 status of each frame and its contacts, within `TOLERANCE` px.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import hashlib

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A hand led by the truth: what it cannot lift, no controller can. So faults of the physics show apart from others."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Targets, images and questions for the kernel that fits poses and for its objective."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from dataclasses import fields
@@ -216,16 +214,11 @@ def fuzzed(seed: int) -> tuple[Any, Target, dict[str, Any]]:
 
 
 class Left(NamedTuple):
-    """What is left of an answer where its objective is least.
+    """What is left of an answer where its objective is least."""
 
-    Attributes:
-        px, deviations: work px by which a contact would still move, and in standard deviations of the answer.
-        narrow: least share of the variance that the objective has which the answer has, in any direction.
-    """
-
-    px: float
+    px: float  # px, deviations: work px by which a contact would still move, and in standard deviations of the answer
     deviations: float
-    narrow: float
+    narrow: float  # least share of the variance that the objective has which the answer has, in any direction
 
     @property
     def agrees(self) -> bool:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ranked grasps made by hand: fingers straight behind their contacts, one square to the way in."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images and videos for the tests of sources, runs and the command line."""
 
-from __future__ import annotations
-
 import csv
+import json
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
@@ -72,7 +72,16 @@ def plates(folder: Path, count: int = 8) -> Path:
     return folder
 
 
-def rows(folder: Path) -> list[dict[str, str]]:
-    """What grasps.csv of a run holds."""
-    with (folder / "grasps.csv").open(newline="") as file:
+def strict_json(path: Path) -> dict[str, Any]:
+    """What a file holds, in which every number is one."""
+
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} is no JSON")
+
+    return dict(json.loads(path.read_text(), parse_constant=refuse))
+
+
+def rows(folder: Path, name: str = "grasps.csv") -> list[dict[str, str]]:
+    """What a table of a run holds."""
+    with (folder / name).open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))

@@ -4,8 +4,6 @@
 python tests/helpers/repeatable.py OPENCV_THREADS main|thread
 """
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json

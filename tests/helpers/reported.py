@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small run folders made up at random: a few parts, disturbances and methods, without a tracker."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace

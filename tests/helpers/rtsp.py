@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A small RTSP server on loopback: H.264 in RTP, interleaved in the one connection, as cameras serve it over TCP."""
 
-from __future__ import annotations
-
 import socketserver
 import struct
 import threading

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simple drawn objects, for inspections: polygons and discs of a given contrast, blur and noise."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

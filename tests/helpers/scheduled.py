@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tasks for schedulers: in a module of their own, because worker processes import them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

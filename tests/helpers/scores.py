@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scored frames made up at random, of every kind there can be; and tables of homographies as users would write them."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping

@@ -4,8 +4,6 @@
 No images and no forces: the tracker's answers are made from the truth, with noise, latency, losses and wrong ones as asked for.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass, field

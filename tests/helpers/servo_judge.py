@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Judges a servo by the truth of the simulated arm, camera and clock, and not by what the servo says of them."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass, field
@@ -34,83 +32,47 @@ NOTICING = 0.3
 
 OVER = ("done", "empty", "failed")
 KINDS = (
-    "not finite",
-    "beyond the limits",
-    "undocumented exception",
-    "malformed, yet taken",
-    "closed on what is not new, seen and right",
-    "closed beside the grasp",
-    "moved without a new image",
-    "moved by images that do not follow the hand",
-    "moved though the arm does not follow",
-    "below the table",
-    "above the start",
-    "not over for ever, or not at rest",
-    "closed twice, or opened unasked",
-    "no reason in one line",
-    "nothing failed, and yet not done",
-)
+    "not finite", "beyond the limits", "undocumented exception", "malformed, yet taken",
+    "closed on what is not new, seen and right", "closed beside the grasp", "moved without a new image",
+    "moved by images that do not follow the hand", "moved though the arm does not follow", "below the table",
+    "above the start", "not over for ever, or not at rest", "closed twice, or opened unasked",
+    "no reason in one line", "nothing failed, and yet not done",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What went wrong.
+    """What went wrong."""
 
-    Attributes:
-        kind: of KINDS.
-        call: its number in the sequence.
-        said: details.
-    """
-
-    kind: str
-    call: int
-    said: str
+    kind: str  # of KINDS
+    call: int  # its number in the sequence
+    said: str  # details
 
 
 @dataclass(frozen=True)
 class Seen:
-    """The truth of one call.
+    """The truth of one call."""
 
-    Attributes:
-        seconds: since the call before, by the true clock.
-        told: the same by the caller's.
-        image: a new image of the hand's camera, or of another or a frozen scene, with new pixels, was handed in.
-        right: it shows the grasp where it is, and the tracker gives it as tracked.
-        misled: px between what was handed in and what the hand's camera would show; 0 where nothing was located.
-        astray: m between where the hand is and where it was told to go.
-        clearance: m of the lowest fingertip above the table.
-        rise: m of the hand above its start.
-        off: m across and along the approach, and rad, from the grasp.
-    """
-
-    seconds: float
-    told: float
-    image: bool
-    right: bool
-    misled: float
-    astray: float
-    clearance: float
-    rise: float
-    off: tuple[float, float, float]
+    seconds: float  # since the call before, by the true clock
+    told: float  # the same by the caller's
+    image: bool  # a new image of the hand's camera, or of another or a frozen scene, with new pixels, was handed in
+    right: bool  # it shows the grasp where it is, and the tracker gives it as tracked
+    misled: float  # px between what was handed in and what the hand's camera would show; 0 where nothing was located
+    astray: float  # m between where the hand is and where it was told to go
+    clearance: float  # m of the lowest fingertip above the table
+    rise: float  # m of the hand above its start
+    off: tuple[float, float, float]  # m across and along the approach, and rad, from the grasp
 
 
 @dataclass
 class Judge:
-    """Takes every command with the truth, and remembers what was wrong with it; each kind is told once.
+    """Takes every command with the truth, and remembers what was wrong with it; each kind is told once."""
 
-    Args:
-        limits: the servo's.
-        interval: s between images, as a rule.
-        pace: s between calls, as a rule.
-        retries: how often it may try again.
-        physical: whether the hand's height is the servo's doing.
-    """
-
-    limits: gt.Limits
-    interval: float
-    pace: float
-    retries: int = 0
-    physical: bool = True
+    limits: gt.Limits  # the servo's
+    interval: float  # s between images, as a rule
+    pace: float  # s between calls, as a rule
+    retries: int = 0  # how often it may try again
+    physical: bool = True  # whether the hand's height is the servo's doing
     calls: int = 0
     findings: list[Finding] = field(default_factory=list)
     twist: np.ndarray = field(default_factory=lambda: np.zeros(6))

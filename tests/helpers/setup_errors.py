@@ -6,8 +6,6 @@
 prints what a servo said of them, and after how many seconds of motion.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from argparse import ArgumentParser
@@ -48,18 +46,12 @@ ANY = "|".join(WORDS.values()) + "|as it is told|follow the hand"
 
 
 class Outcome(NamedTuple):
-    """What came of an approach.
+    """What came of an approach."""
 
-    Attributes:
-        state, reason: of the servo at the end.
-        moved: s in which the hand was told to move.
-        off: m across, m along the approach, and rad, from the grasp at the end.
-    """
-
-    state: str
+    state: str  # state, reason: of the servo at the end
     reason: str
-    moved: float
-    off: tuple[float, float, float]
+    moved: float  # s in which the hand was told to move
+    off: tuple[float, float, float]  # m across, m along the approach, and rad, from the grasp at the end
 
     @property
     def near(self) -> bool:
@@ -79,13 +71,9 @@ class Outcome(NamedTuple):
 
 @dataclass
 class SetUp(Bench):
-    """A bench of which something may be set up wrongly.
+    """A bench of which something may be set up wrongly."""
 
-    Args:
-        wrong: of WORDS; empty where all is right.
-    """
-
-    wrong: str = ""
+    wrong: str = ""  # of WORDS; empty where all is right
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Servers on loopback that show a moving plate: MJPEG over HTTP, and video by UDP or RTSP; each can be cut."""
 
-from __future__ import annotations
-
 import socket
 import threading
 import time

@@ -349,6 +349,15 @@ class World:
         package, _, kind = name.partition("/")
         return self.messages.kind(f"{package}/msg/{kind}")(**fields)
 
+    def refused_by(self, kind: Callable[[], Any], parameters: dict[str, Any]) -> str:
+        """The one line of a node that does not take its parameters, and leaves nothing behind."""
+        self.parameters.update(parameters)
+        node = kind()
+        assert node.change("configure") is Reply.FAILURE and not node.open_things
+        ((level, text),) = node.get_logger().lines
+        assert level == "error" and "\n" not in text
+        return text
+
     def install(self, monkeypatch: Any) -> None:
         """Modules under the names of ROS, and ros/ on the path, for one test."""
         monkeypatch.syspath_prepend(str(ROS / "grasptrack_ros"))

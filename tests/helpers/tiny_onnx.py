@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nets of a few nodes as ONNX, written byte by byte: one that maps brightness, and stand-ins for nets that answer clicks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -92,8 +90,6 @@ def write_brightness_net(path: Path, side: int) -> None:
     net.node("Sigmoid", mean, to="map")
     net.write(path, {"image": (1, 3, side, side)}, {"map": (1, 1, side, side)})
 
-
-# --- nets that answer clicks ---------------------------------------------------------------------
 
 SIDE, CELL = 1024, 4
 EMBEDDED = (1, 3, SIDE // CELL, SIDE // CELL)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sessions of the live page for tests: on folders of drawn images, and on a source that tests feed image by image."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Generator, Iterator
@@ -16,6 +14,7 @@ import numpy as np
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image, Source
 from grasptrack.io.sources import open_source
+from grasptrack.live import commands as told
 from grasptrack.live.session import LiveSession
 from grasptrack.live.settings import Settings
 from grasptrack.live.state import Shown
@@ -58,6 +57,23 @@ def session_on(source: Source, output: Path, settings: Settings | None = None, *
         if isinstance(source, FedCamera):
             source.images.put(None)
         session.stop()
+
+
+@contextmanager
+def camera_session(output: Path, *images: np.ndarray | str, **more: Any) -> Iterator[tuple[LiveSession, FedCamera]]:
+    """A session on a camera that has given images, and breaks off with a string."""
+    camera = FedCamera()
+    for image in images:
+        camera.images.put(image)
+    with session_on(camera, output, **more) as session:
+        yield session, camera
+
+
+def record_and_start(session: LiveSession) -> None:
+    """Once it waits for a person's choice."""
+    reached(session, "choosing")
+    session.send_command(told.Record(True))
+    session.send_command(told.Start())
 
 
 def plate_session(folder: Path, count: int = 12, **more: Any) -> Any:

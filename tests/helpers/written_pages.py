@@ -8,8 +8,6 @@ and the peers, `tables/numbers.md` the core's free numbers; tables of reasons an
 `troubleshooting.md` and `files.md`. `tests/scenarios/test_docs.py` compares all of them.
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 import re

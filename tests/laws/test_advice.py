@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every reason has its remedy, in the program and on the page; advice is given where many frames were lost."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings in a thread of their own: the same as without, in order, bounded; what goes wrong there is told here, once."""
 
-from __future__ import annotations
-
 import threading
 import time
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Closed cubic B-splines and the shape spaces on their samples."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -77,8 +75,6 @@ def test_too_few_spans_are_refused() -> None:
     with pytest.raises(ContourError):
         ClosedSpline(np.zeros((3, 2)))
 
-
-# --- shape spaces -------------------------------------------------------------------------------
 
 states = st.lists(st.floats(-20, 20), min_size=6, max_size=6)
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A camera's lens: there and back, as OpenCV has it, and from every kind of file that users have."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -87,8 +85,6 @@ def test_another_shape_of_image_is_refused() -> None:
     with pytest.raises(InputError, match="the calibration is for 640x480 px, the images are 1280x720"):
         Camera(K, D, size=SIZE).resized(1280, 720)
 
-
-# --- files ---------------------------------------------------------------------------------------
 
 ROS = """# by hand
 image_width: 640

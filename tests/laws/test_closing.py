@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The chance that a grasp closes: against its plain definition, contacts drawn and slid along the outline."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from functools import lru_cache
@@ -51,9 +49,6 @@ def chosen(name: str, fingers: int) -> tuple[View, Grasp, Regions]:
 
 def closes(view: View, regions: Regions, slips: np.ndarray) -> np.ndarray:
     return closes_after(view, regions.contacts, slips, FRICTION)
-
-
-# --- regions -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("fingers", [2, 3])
@@ -122,9 +117,6 @@ def test_the_depth_of_a_hull_is_the_kernels_epsilon() -> None:
         w = np.column_stack([forces, both[:, 0] * forces[:, 1] - both[:, 1] * forces[:, 0]])
         epsilon, _ = kernels.force_closure(arms, normals, 0.0, 0.0, 1.0, FRICTION)
         assert epsilon_quality(w[None])[0] == pytest.approx(epsilon, abs=1e-9)
-
-
-# --- chances -------------------------------------------------------------------------------------
 
 
 def errors(rng: np.random.Generator, fingers: int, sigma: float) -> np.ndarray:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contours: what is refused at the edge, and under homographies what is worked out late, as it would be at once."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import re
@@ -172,8 +170,7 @@ def test_marks_of_another_length_and_holes_as_large_as_the_object_are_refused() 
 
 @pytest.mark.parametrize("H", [None, "x", np.eye(2), [1.0, 2.0], object()])
 def test_what_is_no_homography_is_told(H: Any) -> None:
-    angles = np.arange(40) * 2 * np.pi / 40
-    curve = Contour(100.0 + 30.0 * np.column_stack([np.cos(angles), np.sin(angles)]))
+    curve = Contour(CIRCLE)
     for each in (curve, View([curve])):
         with pytest.raises(InputError, match=r"\(3, 3\)"):
             each.transformed(H)
@@ -187,12 +184,9 @@ def test_what_is_no_contour_makes_no_view(contours: Any) -> None:
 
 @pytest.mark.parametrize("kind", [complex, str])
 def test_numbers_in_other_clothes_are_no_points(kind: type) -> None:
-    angles = np.arange(40) * 2 * np.pi / 40
     with pytest.raises(ContourError, match="array of numbers"):
-        Contour(np.column_stack([np.cos(angles), np.sin(angles)]).astype(kind))
+        Contour(CIRCLE.astype(kind))
 
-
-# --- points in the place of a contour --------------------------------------------------------------
 
 RING = 50.0 * np.array([[-2, -1], [0, -1], [2, -1], [2, 0], [2, 1], [0, 1], [-1, 1], [-2, 0]], dtype=np.float64)
 TAKERS: dict[str, Callable[[Any], object]] = {

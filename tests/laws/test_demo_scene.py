@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demonstration's images show what their truth says, and the same ones each time."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

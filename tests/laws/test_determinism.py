@@ -1,36 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The same input gives the same bytes: in any process, with any seed of hashes, number of threads, and in a thread."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 
-import cv2
 import pytest
 
 import repeatable
 
 LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-@pytest.fixture
-def opencv_threads() -> Iterator[None]:
-    """Restores how many threads OpenCV uses."""
-    before = cv2.getNumThreads()
-    yield
-    cv2.setNumThreads(before)
-
-
-@pytest.mark.usefixtures("opencv_threads")
-def test_threads_change_nothing() -> None:
-    cv2.setNumThreads(1)
-    alone = repeatable.digests(("answers",))
-    cv2.setNumThreads(4)
-    assert repeatable.digests_in_thread(("answers",)) == alone
 
 
 LETTERING = """

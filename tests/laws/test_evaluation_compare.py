@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two runs side by side: the same run is no worse than itself, and what was made worse is named."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -40,14 +38,8 @@ def test_a_run_is_no_worse_than_itself(folder: Path) -> None:
         row = summary.row(method)
         assert row is not None
         for key in (
-            "located_whole",
-            "tracked_visible",
-            "rms_px",
-            "median_px",
-            "p95_px",
-            "median_ms",
-            "recovery_frames",
-        ):
+            "located_whole", "tracked_visible", "rms_px", "median_px", "p95_px", "median_ms", "recovery_frames",
+        ):  # fmt: skip
             change = found.change(method, ALL, key)
             assert change is not None and change.a == change.b
             assert change.a == pytest.approx(getattr(row.measures, key))
@@ -168,9 +160,6 @@ def test_runs_that_cannot_be_compared_are_refused(folder: Path, tmp_path: Path) 
         compare_runs(folder, scenes(tmp_path / "s", shapes=("cross",)))
     with pytest.raises(InputError, match="no folder of an evaluation"):
         compare_runs(folder, tmp_path / "nowhere")
-
-
-# --- the statistics ------------------------------------------------------------------------------
 
 
 def test_two_runs_of_the_same_kind_seldom_differ_beyond_their_noise(tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run's folder: nothing computed is lost, nothing is done twice, nothing of other code or options is mixed in."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures of integrity against their definitions, and records that come back to the last digit."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -121,9 +119,6 @@ def test_the_covariance_of_an_answer_is_held_against_its_error(seed: int) -> Non
     )
     assert scored.spread == pytest.approx((unit**2).sum(axis=1))
     assert scored.opening == pytest.approx(1.1 * math.hypot(80.0, 20.0))
-
-
-# --- records -------------------------------------------------------------------------------------
 
 
 @given(SEEDS)

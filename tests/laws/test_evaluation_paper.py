@@ -6,16 +6,17 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from grasptrack.geometry.contours import View
+from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.transfer import STRATEGIES, grasp_line, transfer
+from grasptrack.transfer import STRATEGIES, transfer
 from grasptrack_bench.metrics.errors import ErrorMeasure
 from reference.homography import homography_4
 from research.paper import footage as footages
 from research.paper import printed
+from research.paper.clipping import CLIPPED, clip_polygon, clipped_footage
 from research.paper.correspondences import Correspondences, find_correspondences, table_five
 from research.paper.descriptions import relative_text, table_four, table_three
 from research.paper.error_tables import table_seven, table_six
@@ -116,19 +117,6 @@ def test_the_homography_is_exact_on_contours_made_by_one(name, seed):
     np.testing.assert_allclose(moved[:, :2] / moved[:, 2:], true[:, :2] / true[:, 2:], atol=1e-7)
 
 
-@given(objects, st.sampled_from(["corresponding", "resampled"]), seeds)
-def test_grasp_line_coordinates_stay_the_same_in_four_dof(name, kind, seed):
-    """Table IV: over the root of the area, for the paper's form changes with scale."""
-    still = footage(name, kind, "4 DoF", seed)
-    before = grasp_line.describe(Grasp(still.on_silhouette), still.silhouettes[0])
-    for view in still.silhouettes[1:]:
-        after = grasp_line.describe(
-            transfer(Grasp(still.on_silhouette), still.silhouettes[0], view, "grasp-line").grasp, view
-        )
-        # contacts end on the outline, and one that is sampled anew runs a little within the first at its bends
-        np.testing.assert_allclose(after[:4], before[:4], atol=1e-9 if kind == "corresponding" else 2e-4)
-
-
 @given(objects, seeds)
 def test_other_samples_of_the_same_curve_cost_what_their_spacing_allows(name, seed):
     """Contours sampled anew cut their corners: moments hardly notice, matched samples may be one apart."""
@@ -209,9 +197,6 @@ def test_table_five_lays_open_what_the_strategy_does(name, kind):
     )
 
 
-# --- what the paper prints -------------------------------------------------------------------------
-
-
 def test_printed_errors_are_averages_and_maxima():
     for _, columns in printed.TABLE_VI:
         assert all(average <= largest for average, largest in columns)
@@ -234,3 +219,65 @@ def test_printed_coordinates_keep_what_each_strategy_keeps():
     assert (pytest.approx(0.0020), pytest.approx(0.0076), None) == printed.OPENINGS
     assert relative_text(printed.TABLE_III[1][2]) == "(-0.0001, -87.8033°, -0.0012, 0.0007)"
     assert relative_text((-1e-7, 1e-9, -0.00012, 2.0)) == "(0.0000, 0.0000°, -0.0001, 2.0000)"
+
+
+def area(points):
+    x, y = points.T
+    return 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+
+
+@given(st.integers(0, 2**31), st.floats(0.0, 6.28), st.floats(-0.9, 0.9))
+@example(236, 0.5, 0.890625)  # all of it lies on one side
+def test_both_sides_of_a_border_together_are_the_whole(seed, angle, border):
+    rng = np.random.default_rng(seed)
+    turns = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    radius = 1.0 + 0.2 * rng.uniform(-1.0, 1.0) * np.cos(2 * turns + rng.uniform(0.0, 6.0))
+    points = np.column_stack([radius * np.cos(turns), radius * np.sin(turns)])
+    normal = np.array([np.cos(angle), np.sin(angle)])
+    kept, on = clip_polygon(points, normal, border)
+    rest, _ = clip_polygon(points, -normal, -border)
+    left = (area(p) if len(p) > 2 else 0.0 for p in (kept, rest))
+    assert sum(left) == pytest.approx(area(points))
+    assert on is not None and (kept @ normal <= border + 1e-9).all()
+    np.testing.assert_allclose(kept[on] @ normal, border, atol=1e-9)
+
+
+def test_what_a_border_leaves_in_pieces_is_told():
+    u = np.array([(0, 0), (5, 0), (5, 5), (4, 5), (4, 1), (1, 1), (1, 5), (0, 5)], dtype=np.float64)
+    assert clip_polygon(u, np.array([0.0, 1.0]), 3.0)[1] is not None  # the legs cut: one piece
+    assert clip_polygon(u, np.array([0.0, -1.0]), -3.0)[1] is None  # the legs left alone
+
+
+@settings(max_examples=2)
+@given(st.sampled_from(OBJECTS), st.integers(0, 20))
+def test_each_frame_hides_one_per_cent_more_and_leaves_the_contacts(name, seed):
+    part = make_part(name, seed)
+    seen = clipped_footage(part, seed)
+    if seen is None:
+        return
+    for k, view in enumerate(seen.silhouettes):
+        whole = Contour.trusted(part.reference.outer.points).transformed(seen.H[k])
+        assert (view.outer.clipped is not None) == (k > 0)
+        assert (Grasp(seen.truth("homography", k)).on(view)[:, 2] < 1.0).all()
+        if k > 0:
+            sides = np.hypot(*(np.roll(view.outer.points, -1, axis=0) - view.outer.points).T)
+            cut = view.outer.clipped & np.roll(view.outer.clipped, -1)
+            assert sides[~cut].sum() / whole.length == pytest.approx(1.0 - k / 100.0, abs=0.02)
+
+
+def test_the_last_frame_is_what_makes_the_homography_answer_there():
+    asked = alone = following = 0
+    for name in OBJECTS:
+        for seed in range(1):
+            seen = clipped_footage(make_part(name, seed), seed)
+            if seen is None:
+                continue
+            frames = slice(CLIPPED[0], None)
+            pairs, tracked = (
+                transfer_and_measure(seen, "homography", way).errors[frames]
+                for way in ("first view", "last frame as prior")
+            )
+            asked += len(pairs)
+            alone += sum(not isinstance(e, str) for e in pairs)
+            following += sum(not isinstance(e, str) for e in tracked)
+    assert asked > 25 and alone == 0 and following > 0.3 * asked

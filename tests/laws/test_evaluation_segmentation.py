@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures of masks: their definitions and laws; and the baselines find what anything would find."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run's figures are those of its parts, and its folder is read back or refused by name."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -120,9 +118,6 @@ def test_files_of_a_summary_hold_its_figures(folder: Path, tmp_path: Path) -> No
 def test_videos_are_their_own_level(tmp_path: Path) -> None:
     summary = summarise_run(read_run(real(tmp_path / "r")))
     assert summary.factor == "video" and summary.levels == ("box", "card") and summary.shapes == ()
-
-
-# --- what is no run ------------------------------------------------------------------------------
 
 
 def test_cases_that_failed_or_were_not_reached_are_told_and_left_out(tmp_path: Path) -> None:

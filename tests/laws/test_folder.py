@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The folder of a run is held by one run at a time, however that ends, and a file in it is whole at any moment."""
 
-from __future__ import annotations
-
 import errno
 import subprocess
 import sys

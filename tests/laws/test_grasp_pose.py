@@ -2,8 +2,6 @@
 """Where the grasp is in metres: covariances follow the derivatives, what cannot be told is told to be unknown, and noise that
 lasts is not averaged away."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 
@@ -123,9 +121,6 @@ def test_a_grasp_shows_itself_and_is_compared_by_value() -> None:
     assert repr(one).startswith("GraspPose(at ") and "opening" in repr(one)
     told = one.to_dict()
     assert set(told) == set(GraspPose.__dataclass_fields__) and len(told["contacts"]) == 2
-
-
-# --- noise that lasts -------------------------------------------------------------------------------
 
 
 def sightings(seed: int, noise: float, lasting: float, images: int = 40) -> tuple[Origin, list[Observation], Estimate]:

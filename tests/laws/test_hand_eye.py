@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A calibration's file gives back what was saved, other programs read theirs, and the alarm rings for what is contradicted."""
-
-from __future__ import annotations
+"""Files of calibrations and goals give back what was saved, other programs read theirs, and the alarm rings when it should."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack import InputError
+from grasptrack import Goal, InputError
 from grasptrack.documents import read_yaml
 from grasptrack.servo.camera import HandCamera, apply_twist, pose_of, rotation_matrix
 from grasptrack.servo.estimate import Estimate, Origin, Prior, refine_estimate
@@ -138,20 +138,22 @@ def test_what_is_no_calibration_is_told(tmp_path: Path, old: str, new: str, told
     assert str(file) in str(error.value) and "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"[]", b"\xff\xfe", b"[" * 300, b" " * 100_000, b"a: &x [*x]", b"{}", b"a: 1e999"]
-)
-def test_files_that_hold_no_calibration(tmp_path: Path, content: bytes) -> None:
-    file = tmp_path / "eye.yaml"
-    file.write_bytes(content)
-    with pytest.raises(InputError, match=r"eye\.yaml"):
-        HandEye.load(file)
+DAMAGED = [b"", b"[]", b"\xff\xfe", b"[" * 300, b"[" * 50_000, b" " * 100_000, b"a: &x [*x]", b"{}", b"a: 1e999"]
 
 
-def test_a_file_that_is_not_there_and_one_that_cannot_be_written(tmp_path: Path) -> None:
+@pytest.mark.parametrize("load", [HandEye.load, Goal.load], ids=["calibration", "goal"])
+@pytest.mark.parametrize("content", [*DAMAGED, b'{"format": 1e999}'])
+def test_files_that_hold_nothing_of_the_kind(tmp_path: Path, load: Callable[[Path], object], content: bytes) -> None:
+    (tmp_path / "held.any").write_bytes(content)
+    with pytest.raises(InputError, match=r"held\.any"):
+        load(tmp_path / "held.any")
     with pytest.raises(InputError, match="No such file"):
-        HandEye.load(tmp_path / "none.yaml")
-    for write in (calibration(0).save, partial(calibration(0).export, kind="launch")):
+        load(tmp_path / "none.any")
+
+
+def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
+    eye, goal = calibration(0), Goal.taught([[0, 0], [9, 9]])
+    for write in (eye.save, partial(eye.export, kind="launch"), goal.save):
         with pytest.raises(InputError, match="cannot be written"):
             write(tmp_path / "no folder" / "eye.yaml")
 
@@ -181,9 +183,6 @@ def test_the_difference_of_two_calibrations_is_a_chi_square(seed: int) -> None:
     assert np.allclose(one.difference(other), off, atol=1e-9)
     assert one.contradicted_by(other) == pytest.approx(1.0, rel=1e-5)
     assert other.contradicted_by(one) == pytest.approx(one.contradicted_by(other), rel=0.1)
-
-
-# --- the alarm --------------------------------------------------------------------------------------
 
 
 def moves(knocked: float, noise: float = 0.1, images: int = 60) -> tuple[list[Observation], list[Estimate]]:
@@ -248,3 +247,66 @@ def test_sightings_of_another_grasp_are_not_mixed() -> None:
             one = replace(one, points=one.points[::-1])
         alarm.take_sighting(one, known, -np.inf)
     assert not alarm.rings
+
+
+COORDINATES = st.floats(-5000.0, 5000.0, allow_nan=False)
+GOOD: dict[str, Any] = {
+    "format": 1,
+    "kind": "fingertips",
+    "points_px": [[100.25, 200.5], [300.0, 210.0]],
+    "opening_m": 0.08,
+    "beyond_m": 0.01,
+    "symmetric": True,
+}
+
+
+@given(
+    points=st.lists(st.tuples(COORDINATES, COORDINATES), min_size=2, max_size=4, unique=True).filter(
+        lambda p: np.hypot(p[0][0] - p[1][0], p[0][1] - p[1][1]) > 1.0
+    ),
+    opening=st.one_of(st.none(), st.floats(0.001, 1.0)),
+    beyond=st.floats(-0.05, 0.05),
+    symmetric=st.booleans(),
+)
+def test_a_goal_comes_back_as_it_was_saved(
+    tmp_path_factory: pytest.TempPathFactory,
+    points: list[tuple[float, float]],
+    opening: float | None,
+    beyond: float,
+    symmetric: bool,
+) -> None:
+    goal = (
+        Goal.taught(points, symmetric=symmetric)
+        if opening is None
+        else Goal.fingertips(points, opening, beyond_m=beyond, symmetric=symmetric)
+    )
+    file = tmp_path_factory.mktemp("goal") / "goal.json"
+    goal.save(file)
+    assert Goal.load(file) == goal
+    assert [p.name for p in file.parent.iterdir()] == ["goal.json"]
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"format": 2}, "format 2, not 1"),
+        ({"kind": "grip"}, '"fingertips" or "taught"'),
+        ({"points_px": "here"}, "points_px"),
+        ({"points_px": [[1.0, 2.0]]}, "two or more"),
+        ({"points_px": [[1.0, 2.0], [1.0, 2.0]]}, "lie apart"),
+        ({"opening_m": None}, "opening_m"),
+        ({"opening_m": True}, "opening_m"),
+        ({"opening_m": -0.1}, "positive"),
+        ({"beyond_m": "1 cm"}, "beyond_m"),
+        ({"symmetric": 1}, "symmetric"),
+        ({"opening_mm": 80}, "opening_mm"),
+    ],
+)
+def test_what_is_no_goal_is_told(tmp_path: Path, change: dict[str, Any], told: str) -> None:
+    file = tmp_path / "goal.json"
+    file.write_text(json.dumps(GOOD))
+    assert Goal.load(file).opening == 0.08
+    file.write_text(json.dumps({**GOOD, **change}))
+    with pytest.raises(InputError, match=told) as error:
+        Goal.load(file)
+    assert str(file) in str(error.value)

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sources: any kind is guessed, and frames come in order, in 8 bits, with their times."""
-
-from __future__ import annotations
+"""Sources: any kind is guessed, frames come in order, in 8 bits, with their times; packed pixels, and masks beside them."""
 
 import random
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
-from grasptrack import open_source
+from grasptrack import SourceError, open_source
 from grasptrack.io.images import EightBits, natural_key
+from grasptrack.io.masks import open_masks, read_mask
+from grasptrack.io.pixels import genicam_format, raw_image, ros_format, to_image
+from grasptrack.io.video import VideoWriter
 from recordings import movie, picture, write
 
 # --- guesses ---------------------------------------------------------------------------------------
@@ -147,3 +150,181 @@ def test_video_turned_by_its_header_comes_upright(tmp_path: Path) -> None:
     if turned.shape == upright.shape:
         pytest.skip("this PyAV does not report a frame's rotation")
     np.testing.assert_array_equal(turned, np.rot90(upright, -1))  # the header asks for a quarter turn clockwise
+
+
+def packed_low_first(values: list[int], bits: int) -> bytes:
+    """Values one after another in a stream of bits, by the definition of GenICam's formats with p."""
+    joined = sum(value << (i * bits) for i, value in enumerate(values))
+    return joined.to_bytes(-(-len(values) * bits // 8), "little")
+
+
+def packed_gige(values: list[int], bits: int) -> bytes:
+    """Two values in three bytes, by the definition of GigE Vision's formats with Packed."""
+    out = bytearray()
+    low = bits - 8
+    for first, second in zip(values[::2], [*values[1::2], 0], strict=False):
+        mask = (1 << low) - 1
+        out += bytes([first >> low, first & mask | (second & mask) << 4, second >> low])
+    return bytes(out)
+
+
+@given(st.sampled_from([10, 12, 14]), st.integers(1, 9), st.integers(1, 7), st.data())
+def test_packed_values_come_out_as_they_went_in(bits: int, width: int, height: int, data: st.DataObject) -> None:
+    values = data.draw(st.lists(st.integers(0, 2**bits - 1), min_size=width * height, max_size=width * height))
+    form = genicam_format(f"Mono{bits}p")
+    found = raw_image(np.frombuffer(packed_low_first(values, bits), np.uint8), width, height, form)
+    np.testing.assert_array_equal(found, np.reshape(values, (height, width)))
+
+
+@given(st.sampled_from([10, 12]), st.integers(1, 9), st.integers(1, 7), st.data())
+def test_values_packed_as_gige_does_come_out_as_they_went_in(
+    bits: int, width: int, height: int, data: st.DataObject
+) -> None:
+    values = data.draw(st.lists(st.integers(0, 2**bits - 1), min_size=width * height, max_size=width * height))
+    form = genicam_format(f"Mono{bits}Packed")
+    found = raw_image(np.frombuffer(packed_gige(values, bits), np.uint8), width, height, form)
+    np.testing.assert_array_equal(found, np.reshape(values, (height, width)))
+
+
+@given(st.sampled_from([10, 12, 14, 16]), hnp.arrays(np.uint16, (3, 5), elements=st.integers(0, 1023)))
+def test_the_scale_is_that_of_the_format_whatever_the_image_holds(bits: int, values: np.ndarray) -> None:
+    form = genicam_format(f"Mono{bits}")
+    raw = raw_image(values.view(np.uint8).ravel(), 5, 3, form)
+    exact = values * (255.0 / (2**bits - 1))
+    assert np.abs(to_image(raw, form).astype(float) - exact).max() <= 0.5 + 1e-4
+
+
+@pytest.mark.parametrize("pattern", ["RG", "GR", "GB", "BG"])
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_a_mosaic_of_one_colour_is_that_colour(pattern: str, bits: int) -> None:
+    full = {"R": 0.8, "G": 0.4, "B": 0.1}
+    tile = pattern + {"RG": "GB", "GR": "BG", "GB": "RG", "BG": "GR"}[pattern]
+    mosaic = np.empty((12, 16), np.uint16)
+    for k, letter in enumerate(tile):
+        mosaic[k // 2 :: 2, k % 2 :: 2] = round(full[letter] * (2**bits - 1))
+    form = genicam_format(f"Bayer{pattern}{bits}")
+    data = mosaic.astype(form.value_type).view(np.uint8).ravel()
+    found = to_image(raw_image(data, 16, 12, form), form)
+    expected = [255 * full[letter] for letter in "BGR"]
+    assert np.abs(found[2:-2, 2:-2].astype(float) - expected).max() <= 1.0
+
+
+@given(hnp.arrays(np.uint16, (4, 6)), st.integers(0, 5), st.booleans())
+def test_rows_may_be_padded_and_bytes_swapped(values: np.ndarray, gap: int, big: bool) -> None:
+    stored = values.byteswap() if big else values
+    rows = np.zeros((4, 12 + gap), np.uint8)
+    rows[:, :12] = stored.view(np.uint8)
+    found = raw_image(rows.ravel(), 6, 4, ros_format("mono16"), 12 + gap, big_endian=big)
+    np.testing.assert_array_equal(found, values)
+    shorter = rows.ravel()[: rows.size - gap]  # the last row ends with its pixels
+    np.testing.assert_array_equal(raw_image(shorter, 6, 4, ros_format("mono16"), 12 + gap, big_endian=big), values)
+
+
+def test_colours_of_every_order_are_the_same_image() -> None:
+    bgr = np.random.default_rng(0).integers(0, 256, (4, 6, 3), dtype=np.uint8)
+    alpha = np.full((4, 6, 1), 255, np.uint8)
+    for encoding, values in {
+        "bgr8": bgr,
+        "rgb8": bgr[:, :, ::-1],
+        "bgra8": np.concatenate([bgr, alpha], axis=2),
+        "rgba8": np.concatenate([bgr[:, :, ::-1], alpha], axis=2),
+    }.items():
+        form = ros_format(encoding)
+        found = to_image(raw_image(np.ascontiguousarray(values).ravel(), 6, 4, form), form)
+        np.testing.assert_array_equal(found, bgr)
+
+
+@pytest.mark.parametrize("name", ["Mono8", "Mono12", "Mono12p", "Mono10Packed", "RGB8"])
+def test_too_few_bytes_are_refused(name: str) -> None:
+    with pytest.raises(SourceError, match="an image of 8x4 px needs"):
+        raw_image(np.zeros(20, np.uint8), 8, 4, genicam_format(name))
+
+
+@pytest.mark.parametrize("name", ["Confidence8", "Coord3D_ABC32f", "Mono9", "BayerXX8", ""])
+def test_formats_that_are_no_pixels_of_an_image_are_refused(name: str) -> None:
+    with pytest.raises(SourceError, match="PixelFormat=Mono8"):
+        genicam_format(name)
+    with pytest.raises(SourceError, match="are not read"):
+        ros_format(name or "32FC1")
+
+
+SIZE = (40, 50)
+
+
+def marked(column: int, size: tuple[int, int] = SIZE) -> np.ndarray:
+    mask = np.zeros(size, np.uint8)
+    mask[5:20, column] = 1
+    return mask
+
+
+def folders(tmp_path: Path, frames: list[str], masks: list[str]) -> tuple[Path, Path]:
+    for folder, names in (("frames", frames), ("masks", masks)):
+        (tmp_path / folder).mkdir()
+        for i, name in enumerate(names):
+            image = np.full(SIZE, 99, np.uint8) if folder == "frames" else marked(i)
+            cv2.imwrite(str(tmp_path / folder / name), image)
+    return tmp_path / "frames", tmp_path / "masks"
+
+
+def columns(frames: Path, masks: Path) -> list[int]:
+    source = open_source(frames)
+    found = open_masks(masks, source)
+    return [int(found.mask_for(frame).any(axis=0).argmax()) for frame in source]
+
+
+def test_by_name_even_when_the_order_differs_and_masks_are_left_over(tmp_path: Path) -> None:
+    paths = folders(tmp_path, ["b.bmp", "a.bmp"], ["a.png", "b.png", "c.png"])
+    assert columns(*paths) == [0, 1]
+
+
+def test_by_order_when_no_name_matches(tmp_path: Path) -> None:
+    paths = folders(tmp_path, ["f1.png", "f2.png", "f10.png"], ["m8.png", "m9.png", "m10.png"])
+    assert columns(*paths) == [0, 1, 2]
+
+
+def test_by_order_for_a_video(tmp_path: Path) -> None:
+    _, masks = folders(tmp_path, [], [f"{i:03d}.png" for i in range(4)])
+    writer = VideoWriter(tmp_path / "v.mp4")
+    for _ in range(4):
+        writer.write(np.zeros((*SIZE, 3), np.uint8))
+    writer.close()
+    assert columns(tmp_path / "v.mp4", masks) == [0, 1, 2, 3]
+    (masks / "003.png").unlink()
+    with pytest.raises(SourceError, match="3 masks for 4 frames"):
+        columns(tmp_path / "v.mp4", masks)
+
+
+def test_what_does_not_match_is_said(tmp_path: Path) -> None:
+    frames, masks = folders(tmp_path, ["1.png", "2.png"], ["1.png"])
+    with pytest.raises(SourceError, match=r'none for frame "2.png"'):
+        columns(frames, masks)
+    (masks / "1.png").rename(masks / "x.png")
+    with pytest.raises(SourceError, match="1 masks for 2 frames"):
+        columns(frames, masks)
+    cv2.imwrite(str(masks / "1.png"), marked(0))
+    cv2.imwrite(str(masks / "2.png"), marked(0, (20, 30)))
+    with pytest.raises(SourceError, match=r'"2.png" is 30x20 px, but frame 1 is 50x40'):
+        columns(frames, masks)
+    with pytest.raises(SourceError, match="no such folder"):
+        open_masks(tmp_path / "nope")
+
+
+def test_any_value_but_black_counts_in_any_kind_of_file(tmp_path: Path) -> None:
+    mask = marked(7)
+    expected = mask * np.uint8(255)
+    alpha = np.dstack([np.full((*SIZE, 3), 255, np.uint8), expected])
+    for name, image in {
+        "labels.png": mask,
+        "deep.png": mask.astype(np.uint16),
+        "colour.png": np.dstack([0 * mask, mask, 0 * mask]),
+        "alpha.png": alpha,
+    }.items():
+        cv2.imwrite(str(tmp_path / name), image)
+        np.testing.assert_array_equal(read_mask(tmp_path / name), expected, err_msg=name)
+
+
+def test_the_noise_of_a_jpeg_is_no_object(tmp_path: Path) -> None:
+    mask = np.zeros((64, 64), np.uint8)
+    mask[20:40, 20:40] = 255
+    cv2.imwrite(str(tmp_path / "m.jpg"), mask, [cv2.IMWRITE_JPEG_QUALITY, 60])
+    assert (read_mask(tmp_path / "m.jpg") != mask).mean() < 0.01

@@ -5,10 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import _grasptrack_native as native
+from closure import programme
 from grasptrack import kernels
 from outlines import blobs, similarities, stars
 from reference.geometry import crossings, nearest_crossings
@@ -127,3 +128,37 @@ def test_homography_of_four_points_is_exact(seed):
 
 def test_the_compiled_functions_are_called_without_wrappers():
     assert kernels.project_to_contour is native.project_to_contour
+
+
+@st.composite
+def grasps(draw, fingers=(2, 5)):
+    """Contacts around an object, their normals inward within some 40 degrees, and a friction."""
+    k = draw(st.integers(*fingers))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    around = 2 * np.pi * (np.arange(k) + rng.uniform(-0.3, 0.3, k)) / k
+    contacts = np.column_stack([np.cos(around), np.sin(around)]) * rng.uniform(0.5, 1.5, (k, 1))
+    lean = around + math.pi + rng.uniform(-0.7, 0.7, k)
+    return contacts, np.column_stack([np.cos(lean), np.sin(lean)]), float(rng.uniform(0.0, 1.2))
+
+
+@given(grasps())
+def test_closure_agrees_with_a_linear_programme(grasp):
+    contacts, normals, friction = grasp
+    epsilon, angle = kernels.force_closure(contacts, normals, 0.05, -0.1, 0.8, friction)
+    weight = programme(contacts, normals, np.array([0.05, -0.1]), 0.8, friction)
+    assume(abs(weight) > 1e-7)
+    assert (epsilon > 1e-9) == (weight > 0)
+    assert (epsilon > 1e-9) == (math.atan(friction) > angle + 1e-8)
+
+
+def test_two_fingers_exactly():
+    contacts = np.array([[-1.0, 0.0], [1.0, 0.3]])
+    squeeze, spread = np.array([[1.0, 0], [-1, 0]]), np.array([[-1.0, 0], [1, 0]])
+    for normals in (squeeze, spread):
+        assert kernels.force_closure(contacts, normals, 0, 0, 1, 0.5).friction_angle == pytest.approx(
+            math.atan2(0.3, 2.0)
+        )
+    same_way = np.array([[1.0, 0], [1.0, 0]])
+    epsilon, angle = kernels.force_closure(contacts, same_way, 0, 0, 1, 0.5)
+    assert angle == math.pi / 2 and epsilon <= 0
+    assert kernels.force_closure(contacts, squeeze, 0, 0, 1, 0.0).epsilon == 0.0

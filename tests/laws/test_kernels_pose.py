@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pose estimator makes its objective least; what is told of poses equals its definition; and what it makes of nonsense."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -45,8 +43,8 @@ from reference.registration.objective import outline_evidence
 
 def test_answers_make_their_objective_least_and_have_its_curvature() -> None:
     """What does not settle, as where a cover may be the object's edge, says so by its covariance."""
-    left = [what_is_left(seed) for seed in range(6)]
-    assert sum(one.agrees for one in left) >= 5 and max(one.deviations for one in left) < 3.0
+    left = [what_is_left(seed) for seed in range(4)]
+    assert all(one.agrees for one in left) and max(one.deviations for one in left) < 3.0
     assert np.median([one.px for one in left]) < 0.02
     assert 0.9 < np.median([one.narrow for one in left]) < 1.1
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every kernel survives any array: an answer or a refusal, as their definitions have it; what once crashed is played again."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

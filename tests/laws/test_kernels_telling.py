@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What edges tell of the pose beyond noise in their normals: `beyond_noise`, and a half disc that slides along itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

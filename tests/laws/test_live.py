@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Live sources: the newest image, times that go on, devices that come back, and threads that end."""
-
-from __future__ import annotations
+"""Live sources, what waits for who works on them, and what is kept meanwhile: the newest image, in order, within memory."""
 
 import itertools
 import threading
@@ -10,10 +8,15 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from grasptrack import SourceError
+from grasptrack import InputError, SourceError
 from grasptrack.io import live
+from grasptrack.io.base import Frame
+from grasptrack.io.limits import HELD, HELD_BYTES, Backlog
 from grasptrack.io.live import DeviceGoneError, LiveSource
+from grasptrack.live.inbox import MOST, Arrival, Inbox, KeptImages
 
 
 def image(value: int) -> np.ndarray:
@@ -173,3 +176,136 @@ def test_no_thread_stays_behind(quick: None) -> None:
 def test_a_rate_is_refused_because_images_are_dropped() -> None:
     with pytest.raises(SourceError, match="leave out the rate"):
         LiveSource("test:", "camera", "camera test", Played, 30.0)
+
+
+def arrival(index: int, size: tuple[int, int] = (2, 2)) -> Arrival:
+    return Arrival(Frame(index, None, np.zeros(size, np.uint8), f"frame {index}"), float(index), 1)
+
+
+@given(st.lists(st.integers(0, 9), max_size=20), st.integers(0, 5))
+def test_commands_come_in_order_and_before_images_and_only_the_newest_image_stays(told: list[int], images: int) -> None:
+    inbox = Inbox()
+    for k in range(images):
+        inbox.replace_image(arrival(k))
+    for word in told:
+        inbox.tell(word)
+    assert [inbox.take_next(True, 0.0) for _ in told] == told
+    left = inbox.take_next(True, 0.0)
+    assert (left.frame.index if left is not None else None) == (images - 1 if images else None)
+    assert inbox.take_next(True, 0.0) is None
+
+
+def test_every_image_of_a_file_is_taken_once() -> None:
+    inbox, taken = Inbox(), []
+
+    def read() -> None:
+        for k in range(50):
+            assert inbox.hand_over(arrival(k))
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    while len(taken) < 50:
+        taken.append(inbox.take_next(True, 10.0).frame.index)
+    reader.join(10.0)
+    assert taken == list(range(50))
+
+
+def test_an_image_that_nobody_wants_waits_and_a_closed_inbox_keeps_nobody_waiting() -> None:
+    inbox, answers = Inbox(), list[bool]()
+    assert inbox.hand_over(arrival(0))
+    assert inbox.take_next(False, 0.01) is None
+    reader = threading.Thread(target=lambda: answers.append(inbox.hand_over(arrival(1))))
+    reader.start()
+    inbox.close()
+    reader.join(10.0)
+    assert answers == [False] and inbox.take_next(True, 10.0) is None
+
+
+def test_too_many_commands_are_refused_but_helpers_answers_are_not() -> None:
+    inbox = Inbox()
+    for k in range(MOST):
+        inbox.tell(k)
+    with pytest.raises(InputError, match="too many"):
+        inbox.tell(MOST)
+    inbox.tell("answer", bounded=False)
+    assert [inbox.take_next(False, 0.0) for _ in range(MOST + 1)][-1] == "answer"
+
+
+@pytest.mark.parametrize(("side", "most"), [(10, HELD), (4000, HELD_BYTES // 4000**2), (9000, 2)])
+def test_kept_images_are_the_last_ones_within_their_bounds(side: int, most: int) -> None:
+    kept, one = KeptImages(), arrival(0, (side, side))
+    for image in range(1, 2 * HELD):
+        kept.add(image, one)
+    assert kept.get_image(2 * HELD - most) is one
+    with pytest.raises(InputError, match="not kept"):
+        kept.get_image(2 * HELD - most - 1)
+
+
+def all_of(backlog: Backlog[int]) -> Iterator[int]:
+    while backlog:
+        item, _ = backlog.take()
+        assert item is not None
+        yield item
+
+
+@given(st.integers(1, 40))
+def test_the_newest_alone_where_nothing_is_kept(count: int) -> None:
+    backlog: Backlog[int] = Backlog()
+    fell = sum(backlog.add(k, 1) for k in range(count))
+    assert list(all_of(backlog)) == [count - 1] and fell == count - 1
+    assert backlog.take() == (None, 0)
+
+
+@given(st.integers(0, 3), st.integers(0, 300), st.integers(1, 40))
+def test_all_in_order_within_memory_and_evenly(before: int, count: int, most: int) -> None:
+    backlog: Backlog[int] = Backlog(most)
+    fell = sum(backlog.add(k, 1) for k in range(before))
+    backlog.keep_all()
+    first = max(before - 1, 0)
+    fell += sum(backlog.add(k, 1) for k in range(before, before + count))
+    given_out = list(all_of(backlog))
+    came = list(range(first, before + count))
+    assert len(given_out) <= max(2, most) and len(given_out) + fell == before + count
+    if len(came) <= max(2, most):
+        assert given_out == came
+    else:
+        steps = np.diff(given_out)
+        assert given_out[0] == first and given_out[-1] == came[-1]
+        assert len(set(steps[:-1])) <= 1 and steps[-1] <= steps.max() and (steps > 0).all()
+        assert steps.max() <= 4 * len(came) / max(1, most - 1) + 1
+
+
+@given(st.integers(0, 200), st.floats(0.1, 3.0))
+def test_whoever_keeps_up_misses_nothing_and_whoever_does_not_gets_to_the_newest(late: int, pace: float) -> None:
+    """`late` items came during the long step, and `pace` more come during each step after it."""
+    backlog: Backlog[int] = Backlog()
+    backlog.keep_all()
+    came, due, taken = 0, float(late), list[int]()
+    for _ in range(2000):
+        while came < due:
+            backlog.add(came, 0)
+            came += 1
+        if backlog:
+            item, _ = backlog.take()
+            assert item is not None
+            taken.append(item)
+        due += pace
+    lag = came - 1 - taken[-1]
+    assert lag <= pace + 1
+    if pace <= 0.5:
+        assert taken == list(range(came))[: len(taken)]
+
+
+def test_forgetting() -> None:
+    backlog: Backlog[int] = Backlog()
+    backlog.keep_all()
+    for k in range(5):
+        backlog.add(k, 1)
+    assert backlog.take() == (0, 0)
+    backlog.add(5, 1)
+    backlog.newest_only()
+    assert list(all_of(backlog)) == [5]
+    backlog.add(6, 1)
+    backlog.clear()
+    assert not backlog and backlog.take() == (None, 0)
+    assert backlog.add(7, 1) == 0 and backlog.add(8, 1) == 1

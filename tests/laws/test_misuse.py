@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every parameter of the public API with every kind of wrong value: an answer, or an error of this package in one line."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Callable

@@ -104,9 +104,6 @@ def test_the_script_keeps_the_tables_and_fills_the_pages(folder, tmp_path, monke
     assert re.findall(r"(\w)\.md", capsys.readouterr().out) == ["a", "b"]
 
 
-# --- the kept run is one of this code ------------------------------------------------------------
-
-
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("number", "motion", "kind"),

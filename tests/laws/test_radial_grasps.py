@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Grasps for three fingers on one drive: equal angles, equal distances, and what is refused cannot be taken."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

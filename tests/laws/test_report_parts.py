@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Axes, charts, numbers and pictures of reports against their laws."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace
@@ -91,19 +89,8 @@ def test_a_line_breaks_where_there_is_no_value() -> None:
 
 def test_every_method_has_a_line_of_its_own() -> None:
     names = [
-        "auto",
-        "rrp",
-        "grasp-line",
-        "homography",
-        "ecc",
-        "klt",
-        "sift",
-        "otsu",
-        "visp",
-        "paper-rrp",
-        "new",
-        "newer",
-    ]
+        "auto", "rrp", "grasp-line", "homography", "ecc", "klt", "sift", "otsu", "visp", "paper-rrp", "new", "newer",
+    ]  # fmt: skip
     found = series_palette(names)
     assert list(found) == names
     assert len({(s.light, s.dash) for s in found.values()}) == len(names)
@@ -119,9 +106,6 @@ def test_what_stands_in_a_page_is_escaped(tmp_path: Path) -> None:
     for raw in ("<script>alert", "<IV>", "<i>", "<u>", "<note>", "<caption>", "<more>", "x < y"):
         assert raw not in text
     assert "<code>a&lt;b</code>" in text and "<strong>c&lt;d</strong>" in text and "x &lt; y &amp; z" in text
-
-
-# --- curves --------------------------------------------------------------------------------------
 
 
 def test_error_over_time_is_the_median_over_the_runs() -> None:
@@ -155,9 +139,6 @@ def test_shares_recovered_grow_to_all_that_were() -> None:
     assert returns == 6 and (np.diff(shares) >= 0.0).all() and shares[-1] == 1.0
     blind = [[replace(f, contacts=None, distances=None) if f.frame else f for f in r] for r in runs]
     assert recovery_curve(blind, 11)[0].tolist() == [0.0] * 12
-
-
-# --- pictures ------------------------------------------------------------------------------------
 
 
 def has(picture: np.ndarray, rgb: tuple[int, int, int]) -> bool:

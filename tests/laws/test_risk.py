@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One rate decides: what is answered, what the confidence says of it, and what is refused."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math
@@ -126,9 +124,6 @@ def test_learning_is_never_looser_than_the_default() -> None:
     assert NUMBERS.with_risk(0.5).risk == 0.5
 
 
-# --- bounds, and where it is told -----------------------------------------------------------------
-
-
 @pytest.mark.parametrize("risk", BAD)
 def test_a_risk_that_is_none_is_bad_input(risk: float) -> None:
     for refused in (
@@ -151,7 +146,8 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("risk", [0.0, 1.0, -0.1, math.nan])
 def test_every_verb_refuses_it_in_one_line(risk: float, images: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for verb in (["track", str(images)], ["inspect", str(images / "0.png")], ["evaluate", "scenes"]):
+    two = [str(images / "0.png"), str(images / "1.png")]
+    for verb in (["track", str(images)], ["inspect", two[0]], ["transfer", *two], ["evaluate", "scenes"]):
         assert main([*verb, "--risk", str(risk), "--output", str(images / "out")]) == 2
         (line,) = capsys.readouterr().err.strip().splitlines()
         assert "--risk must be a probability between 0 and 1" in line and f"not {risk:g}" in line
@@ -210,9 +206,6 @@ def test_every_tracker_of_an_approach_takes_the_risk(monkeypatch: pytest.MonkeyP
     for k in range(1, 12):  # nothing there: it looks anew
         looking.update(BLANK[1], float(k))
     assert set(asked) == {1e-7} and len(asked) > 1
-
-
-# --- the file of numbers ------------------------------------------------------------------------
 
 
 def test_the_file_of_numbers_is_read_and_what_is_wrong_in_it_is_told(tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """RRP coordinates: printed as the paper prints them, reversible with error 0, exact under similarities."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every task is done once, wherever; a worker that dies costs time and nothing else."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -92,9 +90,6 @@ def test_no_tasks_are_no_trouble() -> None:
 def test_what_cannot_be_is_refused(address: str | None, workers: int, told: str) -> None:
     with pytest.raises(InputError, match=told):
         create_scheduler(address, workers)
-
-
-# --- a cluster -----------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

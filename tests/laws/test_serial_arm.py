@@ -44,9 +44,6 @@ def jacobian(joints: Floats) -> Floats:
     return np.array(columns).T
 
 
-# --- kinematics -------------------------------------------------------------------------------------
-
-
 @given(anywhere)
 @example(math.pi * np.array([-0.6, 0.005, -0.2, -0.4, -0.5, -0.9]))  # the hand along the arm's pitch axes
 @example(math.pi * np.array([0.7, 0.5, 0.0, 0.5, 0.5, 1.0]))  # and the arm stretched above its base
@@ -96,9 +93,6 @@ def test_the_hand_on_the_part_and_lifted_is_within_reach(scenario: str) -> None:
                 assert serial.start_joints(frames.inverse_pose(base) @ pose) is not None
 
 
-# --- resolved rates ---------------------------------------------------------------------------------
-
-
 @given(within, st.lists(st.floats(-0.3, 0.3), min_size=6, max_size=6).map(np.array))
 def test_rates_make_the_twist_or_go_its_way_more_slowly_and_keep_every_limit(joints: Floats, twist: Floats) -> None:
     J = jacobian(joints)
@@ -124,8 +118,6 @@ def test_rates_stay_small_where_two_axes_fall_together() -> None:
     joints[4] = 0.0  # its limits apart
     assert np.abs(joint_rates(J, twist, joints)).max() < serial.SPEED.max()
 
-
-# --- in the world -----------------------------------------------------------------------------------
 
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="the physical world needs MuJoCo")
 

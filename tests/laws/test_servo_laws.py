@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of the servo's parts: derivatives are those of finite differences, limits hold, goals are where they should be."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A servo under every order of events: what it was told, and what it did, judged by where its arm is in truth."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle
@@ -53,8 +51,8 @@ def _approach(law: str, retries: int, dof: int) -> dict[str, bytes]:
         here["closing"] = command.close
         trial.waits = None
         for moment, now in here.items():
-            if now:
-                kept.setdefault(moment, pickle.dumps(trial))
+            if now and moment not in kept:
+                kept[moment] = pickle.dumps(trial)
         if command.close:
             break
     assert set(kept) == set(MOMENTS)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The suite of disturbances: each scene begins as promised, does what its name says, and is the same everywhere."""
 
-from __future__ import annotations
-
 import math
 import os
 import pickle
@@ -12,11 +10,14 @@ import zlib
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from edges import plane_to_image
+from edges import flat, offsets, plane_to_image
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack_bench.simulation import DISTURBANCES, SHAPES, Scene, is_applicable
+from grasptrack_bench.simulation import DISTURBANCES, SHAPES, Pinhole, Scene, is_applicable, tilting_path
+from grasptrack_bench.simulation.codec import Codec, through_codec
 from grasptrack_bench.simulation.outlines import polygon_moments
 
 NAMES = list(DISTURBANCES)
@@ -38,15 +39,7 @@ def steps(made: Scene) -> tuple[np.ndarray, np.ndarray]:
     return np.hypot(*np.diff(middle, axis=0).T), np.degrees(np.abs(np.diff(made.path.roll)))
 
 
-def test_names_and_groups() -> None:
-    assert NAMES[:9] == ["clean-4dof", "clean-6dof", "noise", "blur", "light", "shadow", "motion-blur", "fast", "belt"]
-    assert NAMES[9:18] == ["bar", "hand", "leave", "clip", "exchange", "twin", "mirror", "lens", "thick"]
-    assert NAMES[18:26] == ["still", "print", "highlight", "shake", "jpeg", "gravel", "sheet", "crowd"]
-    assert NAMES[26:30] == ["cover", "bar-parallel", "equals", "equal-enters"]
-    assert NAMES[30:36] == ["print-exchange", "rolling-shutter", "thick-6", "aside", "exchange-hidden", "mixed"]
-    assert " ".join(NAMES[36:44]) == "h264 h265 cheap-camera fixed-marks focus aspect hand-camera glare-first"
-    assert NAMES[44:50] == ["glossy-table", "contact-shadow", "bevel", "faint", "transparent", "block"]
-    assert NAMES[50:] == ["touching", "pushed", "equal-belt", "two-bodies", "bench"]
+def test_each_has_its_group_and_a_sentence() -> None:
     groups = {"motion", "image", "background", "cover", "identity", "model"}
     assert {d.group for d in DISTURBANCES.values()} == groups
     assert all(d.name == key and d.about.endswith(".") for key, d in DISTURBANCES.items())
@@ -88,8 +81,11 @@ def test_frames_are_the_same_in_any_order_and_seeds_differ(name: str) -> None:
     assert not np.allclose(*views)
 
 
-def test_another_process_renders_the_same_to_the_last_bit() -> None:
-    names = ("shadow", "hand", "thick", "highlight", "crowd", "rolling-shutter", "h265", "bevel")
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize(
+    "names", [("shadow", "hand", "h265", "crowd"), ("thick", "highlight", "rolling-shutter", "bevel")]
+)
+def test_another_process_renders_the_same_to_the_last_bit(names: tuple[str, ...]) -> None:
     here = [digest(scene(name, size=SMALL, frames=20)) for name in names]
     code = (
         "import sys\n"
@@ -143,9 +139,6 @@ def test_the_part_stays_in_view_where_it_is_not_said_to_leave(name: str) -> None
         assert min(made[i].outline_visible for i in range(3, 60, 16)) == 1.0
 
 
-# --- what each does ------------------------------------------------------------------------------
-
-
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("shape", PARTS)
 def test_covers_hide_what_they_should_and_go(shape: str) -> None:
@@ -194,6 +187,8 @@ def test_a_mirror_image_is_asked_only_of_parts_that_have_one() -> None:
 
 def test_one_frame_is_a_scene() -> None:
     assert all(len(list(scene(name, frames=1, size=SMALL))) == 1 for name in NAMES[::4])
+    with pytest.raises(IndexError):
+        scene("noise", frames=1, size=SMALL)[1]
 
 
 def test_light_jumps_and_parts_are_lighter_or_darker_than_tables() -> None:
@@ -218,3 +213,42 @@ def test_a_surface_and_a_table_of_ones_own_and_colours() -> None:
     assert image.shape == (240, 320, 3)
     assert image[120, 160, 2] > 180 > image[120, 160, 1]
     assert image[10, 160, 1] > 130 > image[10, 160, 2]
+
+
+EVEN = {"noise": 0.0, "vignette": 0.0, "drift": 0.0, "exposure": 0.0}
+EDGED = ["h264", "h265", "cheap-camera", "focus", "aspect", "hand-camera", "pushed", "touching"]
+
+
+@pytest.mark.parametrize("name", EDGED)
+def test_edges_lie_on_the_truth(name: str) -> None:
+    made = scene(name, "notched-plate", 12, 2, surface=flat(60), table=flat(180)).with_conditions(**EVEN)
+    off = np.concatenate([offsets(made[i].image, made[i].outline, 60, 180, reach=14.0) for i in (0, 5, 11)])
+    assert len(off) > 150 and abs(off.mean()) < 0.25 and np.abs(off).max() < 1.0
+
+
+@given(st.floats(0.8, 1.25), st.floats(-0.2, 0.1), st.integers(0, 9))
+def test_pixels_that_are_not_square_keep_the_way_back(aspect: float, k1: float, seed: int) -> None:
+    camera, square, wide = Pinhole(k1=k1, aspect=aspect), Pinhole(k1=k1), np.array([aspect, 1.0])
+    points, middle = np.random.default_rng(seed).uniform(20.0, 460.0, (40, 2)), square.matrix[:2, 2]
+    assert np.abs(camera.undistort(camera.distort(points)) - points).max() < 1e-6
+    seen = (camera.distort(points) - middle) * wide
+    assert np.abs(square.distort(middle + (points - middle) * wide) - middle - seen).max() < 1e-6
+
+
+@pytest.mark.parametrize("name", ["libx264", "libx265"])
+def test_a_codec_gives_back_as_many_images_somewhat_worse(name: str) -> None:
+    images = [frame.image for frame in scene("clean-6dof", frames=5, size=(321, 239), colour=True)]
+    square = [
+        np.mean((a - b.astype(float)) ** 2)
+        for a, b in zip(images, through_codec(images, Codec(name, 30.0)), strict=True)
+    ]
+    assert all(26.0 < 10.0 * np.log10(255.0**2 / s) < 45.0 for s in square)
+
+
+def test_an_opaque_part_at_rest_is_as_before_and_pieces_part() -> None:
+    plain = [Scene(SHAPES["gear"](), tilting_path(3), moves=m)[2].image for m in (None, np.zeros((3, 3)))]
+    assert (plain[0] == plain[1]).all()
+    first, frame = (scene("two-bodies", frames=20, size=SMALL)[i] for i in (0, 10))
+    ring = first.outline[0]
+    apart = np.hypot(*(frame.carry(ring) - frame._map_points(frame.H_current_reference, ring)).T)
+    assert 0.1 < (apart == 0.0).mean() < 0.9 and apart.max() > 2.0

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lens, thickness, exposure, shadow, noise, twins: each against the law that it stands for."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise
@@ -12,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edges import bilinear, flat, plane_to_image, renderer
+from edges import bilinear, flat, pan
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack_bench.simulation import (
@@ -24,7 +22,6 @@ from grasptrack_bench.simulation import (
     Pinhole,
     Scene,
     Shadow,
-    TextureMap,
     mirrored_shape,
     near_twin,
     similarity_path,
@@ -74,22 +71,6 @@ def test_cutting_sides_changes_no_outline() -> None:
     assert np.hypot(*(np.roll(cut, -1, axis=0) - cut).T).max() <= 0.05 + 1e-12
 
 
-def test_a_texture_goes_through_the_lens_as_the_outline_does() -> None:
-    size, extent = 512, 2.0
-    ramp = np.tile(np.linspace(20, 235, size), (size, 1)).astype(np.uint8)
-    camera = Pinhole(WIDTH, HEIGHT, k1=-0.2)
-    scene = Scene(
-        SHAPES["disc"](), tilting_path(3, seed=4), camera=camera, table=TextureMap(ramp, extent), conditions=QUIET
-    )
-    H = plane_to_image(scene)[2]
-    at = np.random.default_rng(1).uniform([-0.9, -0.6], [0.9, 0.6], (200, 2))
-    seen = camera.distort(apply_homography(H, at))
-    use = np.all((seen > 2) & (seen < [WIDTH - 3, HEIGHT - 3]), axis=1)
-    value = bilinear(renderer(scene).render_background(H).astype(float), seen[use])
-    expected = 20 + (at[use, 0] + extent) / (2 * extent) * 215
-    assert np.abs(value - expected).max() < 1.5
-
-
 @given(height=st.floats(0.01, 0.2), seed=st.integers(0, 30))
 def test_a_raised_plane_is_seen_as_a_pinhole_sees_it(height: float, seed: int) -> None:
     path, camera = tilting_path(4, seed=seed), Pinhole()
@@ -123,10 +104,7 @@ def test_a_path_between_its_frames() -> None:
 def test_motion_blur_is_the_mean_over_the_exposure() -> None:
     """A camera that moves evenly: the edge is the lens's, smeared over the way of half a frame, its middle unmoved."""
     frames, step, exposure, sigma = 5, 6.0, 0.5, 0.8
-    focal, distance = float(Pinhole(WIDTH, HEIGHT).matrix[0, 0]), 4.0
-    target = np.column_stack([np.arange(frames) * step * distance / focal, np.zeros(frames)])
-    still = np.zeros(frames)
-    path = Path(target, np.full(frames, distance), still, still, still)
+    path = pan(step, frames, Pinhole(WIDTH, HEIGHT))
     scene = Scene(
         SHAPES["square"](),
         path,

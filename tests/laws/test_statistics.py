@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statistics are SciPy's, where SciPy has them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an inspection rests on: motions, noise, drawn runs and what they foretell, on curves and images that are known."""
 
-from __future__ import annotations
-
 import json
 import math
 

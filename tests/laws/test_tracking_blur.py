@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wide edges and noise: what the core measures of them in the first view, and what it learns of focus later."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
 import numpy as np
 import pytest
 
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
+from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.target import Target, build_pyramid
+from grasptrack_bench.simulation import SHAPES, Conditions, Scene, similarity_path
 from scenery import L_PLATE, drawn
 
 CONTACTS = np.array([[-20.0, 25.0], [-70.0, 25.0]])
@@ -95,3 +96,21 @@ def test_how_long_the_shutter_is_open_is_learnt_from_what_moves(exposure: float)
     told = [followed.update(exposed(k)) for k in range(1, 16)]
     assert [d.is_accepted for d in told] == [True] * len(told)
     assert followed.state.blur_share == pytest.approx(0.5 * exposure, abs=0.08)
+
+
+def test_levels_are_those_of_an_outline_of_the_image_at_hand() -> None:
+    """Outlines are known by their ids, and Python gives the id of one that is gone to another."""
+    scene = Scene(SHAPES["bracket"](), similarity_path(3, seed=1), conditions=Conditions(noise=1.0), seed=1)
+    observer = OutlineDetector()
+    observer.set_image(scene[0].image)
+    candidate = observer.find_objects(FirstImage())[0]
+    observer.choose_object(candidate)
+    lighter = np.clip(scene[1].image.astype(int) + 20, 0, 255).astype(np.uint8)
+    (view, *_) = next(observer.views_anywhere(observer.set_image(lighter), candidate.view.outer.area, 0))
+    before = observer._inside, observer._outside
+    observer.set_image(scene[2].image)
+    observer.learn_levels(view)
+    assert (observer._inside, observer._outside) == before
+    (view, *_) = next(observer.views_anywhere(observer.set_image(lighter), candidate.view.outer.area, 0))
+    observer.learn_levels(view)
+    assert observer._inside > before[0] + 2.0 and observer._outside > before[1] + 2.0

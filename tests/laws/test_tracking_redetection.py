@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of the search for a lost object: it is found wherever it lies, at a bounded number of tries, and nothing raises."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is returned is a value: it compares, prints in a line, and is pickled; a tracker is copied in the middle of a run."""
 
-from __future__ import annotations
-
 import copy
 import pickle
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import grasptrack as gt
+from grasptrack import GraspTracker, InputError, TrackResult
 from grasptrack.equality import are_equal
 from grasptrack.presentation import format_confidence
 from grasptrack_bench.simulation import SHAPES
@@ -29,9 +30,6 @@ GRASP = np.array([[215.0, 110.0], [104.5, 113.3]])
 
 def unpickled(value: Any) -> Any:
     return pickle.loads(pickle.dumps(value))
-
-
-# --- trackers ------------------------------------------------------------------------------------
 
 
 @pytest.mark.sampled(2)
@@ -60,14 +58,13 @@ def test_a_tracker_knows_no_buffer_of_its_callers() -> None:
     grey = [image if image.ndim == 2 else image[:, :, 1] for image in IMAGES]
     apart, reused = gt.GraspTracker(), gt.GraspTracker()
     buffer = np.empty_like(grey[0])
-    for image in grey:
-        mine = apart.update(image.copy())
+    for k, image in enumerate(grey):
+        time = 0.25 * k if k else None
+        mine = apart.update(image.copy(), time)
         buffer[:] = image
-        assert reused.update(buffer) == mine
+        assert reused.update(buffer, time) == mine and mine.time == time
+        assert np.array_equal(buffer, image)  # nor changes it
         buffer[:] = 0
-
-
-# --- results -------------------------------------------------------------------------------------
 
 
 def results() -> list[Any]:
@@ -155,3 +152,39 @@ def test_no_confidence_is_rounded_up_to_certainty(confidence: float, decimals: i
 def test_a_lost_frame_does_not_read_as_certain() -> None:
     lost = gt.TrackResult(58, None, "lost", "another shape", reason_code="other-shape", confidence=0.9960830118693142)
     assert repr(lost) == "TrackResult(frame 58: lost (other-shape), confidence 0.9961)"
+
+
+PARTS = [SHAPES[name]() for name in ("bracket", "gasket", "notched-plate")]
+SEQUENCES = [[photo([(part, pose(150.0 + 4 * k, 115.0 + 2 * k, 4.0 * k))], seed=k) for k in range(8)] for part in PARTS]
+
+
+def track(images: list[np.ndarray]) -> list[TrackResult]:
+    tracker = GraspTracker()
+    return [tracker.update(image, time=0.1 * k) for k, image in enumerate(images)]
+
+
+def test_trackers_in_threads_give_what_each_gives_alone() -> None:
+    alone = [track(images) for images in SEQUENCES]
+    assert all(any(r.located for r in results[1:]) for results in alone)
+    with ThreadPoolExecutor(len(SEQUENCES)) as pool:
+        assert list(pool.map(track, SEQUENCES)) == alone
+
+
+def test_one_tracker_in_two_threads_is_refused_and_unharmed() -> None:
+    within, go_on = threading.Event(), threading.Event()
+
+    def segment(image: np.ndarray) -> np.ndarray:
+        within.set()
+        assert go_on.wait(30.0)
+        return np.asarray(image < 120)
+
+    tracker = GraspTracker(segmenter=segment)
+    image = SEQUENCES[0][0]
+    with ThreadPoolExecutor(1) as pool:
+        first: Any = pool.submit(tracker.update, image)
+        assert within.wait(30.0)
+        with pytest.raises(InputError, match="one thread at a time"):
+            tracker.update(image)
+        go_on.set()
+        assert first.result().frame == 0
+    assert tracker.update(image).frame == 1

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures: the right size, the right things in the right place, and never an exception for an odd frame."""
 
-from __future__ import annotations
-
 import csv
 import math
 import pickle

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture of synthesised grasps: legible for any image and object, and its parts where they belong."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -196,13 +194,8 @@ def test_small_panels_stay_in_their_area_and_apart(count: int, aspect: float) ->
 
 def test_words_for_qualities_and_hands() -> None:
     assert [format_quality(q) for q in (1.0, 0.456, 0.01, 0.0043, 0.0001, 0.0)] == [
-        "1.00",
-        "0.46",
-        "0.01",
-        "0.004",
-        "<0.001",
-        "<0.001",
-    ]
+        "1.00", "0.46", "0.01", "0.004", "<0.001", "<0.001",
+    ]  # fmt: skip
     assert describe_hand(HandPx(0.0, math.inf, 12.34, 10.0, 3.0), None) == "of 12.3 x 10 px"
     assert describe_hand(HandPx(0.0, 200.0, 12.0, 10.0, 3.0), 4.0) == "of 3 x 2.5 mm, opening up to 50 mm"
     assert describe_hand(HandPx(20.0, 200.0, 12.0, 10.0, 3.0), None) == "of 12 x 10 px, opening 20 to 200 px"

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The last word on every twist, the servo's clock, and what counts as an image: laws without any vision."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 
@@ -107,9 +105,6 @@ def test_bounds_are_positive(values: dict[str, float]) -> None:
         gt.Bounds(**values)
 
 
-# --- time -------------------------------------------------------------------------------------------
-
-
 @given(steps=st.lists(st.sampled_from([0.03, 0.04, 0.0, -0.002, 0.5, 7.0, 3600.0, -3600.0]), max_size=60))
 def test_the_servos_time_never_goes_back_and_never_jumps(steps: list[float]) -> None:
     clock, told, last = ServoClock(), 100.0, 0.0
@@ -136,8 +131,6 @@ def test_a_clock_that_stands_passes_for_a_while_and_then_time_goes_on() -> None:
     assert not any(t.goes_on for t in ticks)
     assert [t.step for t in ticks] == [0.0, 0.0, 0.0, pytest.approx(0.1), pytest.approx(0.1), pytest.approx(0.1)]
 
-
-# --- images -----------------------------------------------------------------------------------------
 
 RESULT = gt.TrackResult(5, 2.0, "lost", "")
 
@@ -198,9 +191,6 @@ def test_images_that_are_missing_do_not_lengthen_what_is_usual() -> None:
         now += step
         assert not gate.why_not(replace(RESULT, frame=k + 6, time=3.0 + now), now, now, None, np.eye(4))
     assert gate.image_interval == pytest.approx(0.04)
-
-
-# --- what came of closing ---------------------------------------------------------------------------
 
 
 @given(width=st.floats(0.005, 0.06), off=st.floats(-0.3, 0.3))

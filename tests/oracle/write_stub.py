@@ -6,8 +6,6 @@
 Names that the definitions' modules have for types are replaced by what they stand for.
 """
 
-from __future__ import annotations
-
 import ast
 import builtins
 import importlib

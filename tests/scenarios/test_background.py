@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture of the empty bench: what it tells of the object, whatever the light."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2
@@ -106,6 +104,7 @@ def test_real_benches_under_another_light_and_from_beside() -> None:
     assert not missed
 
 
+@pytest.mark.slow
 def test_a_lens_is_taken_out_of_both_pictures() -> None:
     camera = Camera(np.array([[600.0, 0.0, 319.5], [0.0, 600.0, 239.5], [0.0, 0.0, 1.0]]), (-0.2, 0.03, 0.0, 0.0))
     image = photographed(laid(BENCH, PLATE, DULL), 2)

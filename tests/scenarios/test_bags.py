@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags of ROS 1 and 2 and MCAP files as sources: the images and times they hold, and one line where they hold none."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cameras: GenICam's virtual ones, pylon's emulation, and stand-ins for a webcam and a RealSense; what is attached."""
 
-from __future__ import annotations
-
 import itertools
 import signal
 import sys
@@ -32,9 +30,6 @@ def said(spec: str, settings: dict[str, str] | None = None) -> str:
         first(spec, 1, settings)
     assert "\n" not in str(caught.value)
     return str(caught.value)
-
-
-# --- webcams -----------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -102,9 +97,6 @@ def test_a_webcam_that_stays_away_ends_the_run_with_one_line(
     assert told.count("\n") == 1 and "gave no image for 0.2 s after 0 frames: it gave no image: it may" in told
 
 
-# --- GenICam -----------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def viky() -> Path:
     """The virtual cameras that the package genicam brings along."""
@@ -148,9 +140,6 @@ def test_producers_are_found_in_the_folders_of_the_environment(viky: Path, monke
     assert "names no GenTL producer" in said("genicam:#2")
 
 
-# --- pylon -------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def basler(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pypylon", reason="the extra pylon is not installed")
@@ -180,9 +169,6 @@ def test_what_a_basler_camera_does_not_take(basler: None) -> None:
     assert "does not take Width=-4" in said("pylon:0815-0000", {"Width": "-4"})
 
 
-# --- RealSense ---------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def rs(monkeypatch: pytest.MonkeyPatch) -> object:
     module = fake_devices.realsense(["831", "912"])
@@ -204,9 +190,6 @@ def test_what_a_realsense_camera_does_not_take(rs: object) -> None:
     assert "has no setting laser_power" in said("realsense:831?laser_power=3")
     assert "does not take exposure=-1: out of range" in said("realsense:831?exposure=-1")
     assert "cannot be started: Couldn't resolve requests" in said("realsense:831?size=31x17")
-
-
-# --- what is attached --------------------------------------------------------------------------------
 
 
 def test_the_list_of_what_is_attached(

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: what it writes, what it says, and how fast it answers."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -15,7 +13,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 import pytest
@@ -50,7 +47,7 @@ def test_without_a_grasp_every_frame_says_why(tmp_path: Path) -> None:
     assert all(r["reason"].startswith("no stable grasp: too wide for the opening of 9 px: the narrow") for r in found)
 
 
-@pytest.mark.whole
+@pytest.mark.whole("write_summary")
 def test_track_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert main(["track", str(plates(tmp_path / "in")), "--output", str(out), "--fps", "20"]) == 0
@@ -223,27 +220,6 @@ print(found)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == str([[]] * (1 + len(VERBS)))
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="sends SIGINT")
-def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
-    source, out = plates(tmp_path / "in", 200), tmp_path / "out"
-    command = [sys.executable, "-m", "grasptrack.cli.main", "track", str(source), "--output", str(out)]
-    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    waited = time.monotonic() + 60
-    while time.monotonic() < waited and not ((out / "grasps.csv").exists() and len(rows(out)) > 5):
-        time.sleep(0.02)
-    running.send_signal(signal.SIGINT)
-    said, error = running.communicate(timeout=60)
-    assert running.returncode == 130 and re.fullmatch(rf"({VERDICT}\n)?", said)
-    assert re.fullmatch(r"grasptrack: interrupted after \d+ frames; what was computed is in [^\n]+\n", error)
-    count = len(rows(out))
-    with av.open(str(out / "overlay.mp4")) as container:
-        assert sum(1 for _ in container.decode(video=0)) == count >= 5
-    log = json.loads((out / "run.json").read_text())
-    assert log["ended"] == "interrupted" and log["frames"] == count
-    assert cv2.imread(str(out / "summary.png")) is not None
 
 
 @pytest.mark.parametrize("how", ["SIGINT", "SIGTERM"])

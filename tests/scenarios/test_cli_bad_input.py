@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input: one clear line on stderr, exit status 2, and nothing lost."""
 
-from __future__ import annotations
-
-import csv
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +10,7 @@ import numpy as np
 import pytest
 
 from grasptrack.cli.main import main
-from recordings import movie, plate, plates, write
+from recordings import plate, plates, rows, write
 
 
 def refused(given: list[str], capsys: pytest.CaptureFixture[str], status: int = 2) -> str:
@@ -29,44 +26,65 @@ def tracking(source: Path | str, tmp_path: Path, *more: str) -> list[str]:
 
 
 def count(tmp_path: Path) -> int:
-    with (tmp_path / "out" / "grasps.csv").open(newline="") as file:
-        return sum(1 for _ in csv.DictReader(file))
+    return len(rows(tmp_path / "out"))
 
 
-@pytest.mark.sampled(7)
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        (["--strategy", "magic"], ["magic", "auto", "rrp", "grasp-line", "homography"]),
-        (["--friction", "0"], ["friction", "positive"]),
-        (["--friction", "nan"], ["friction", "positive"]),
-        (["--friction", "much"], ["--friction"]),
-        (["--fingers", "1"], ["at least 2"]),
-        (["--fingers", "7"], ["7"]),
-        (["--fingers", "3", "--strategy", "grasp-line"], ["grasp-line", "2 fingers"]),
-        (["--fingers", "3", "--grasp", "1,2 3,4"], ["2 contacts", "3"]),
-        (["--grasp", "here and there"], ["x1,y1 x2,y2"]),
-        (["--grasp", "10,10"], ["x1,y1 x2,y2"]),
-        (["--grasp", "300,10 10,230"], ["outline"]),
-        (["--object", "middle"], ["--object", "x,y"]),
-        (["--object", "1,2,3"], ["--object", "x,y"]),
-        (["--object", "5,5"], ["no object"]),
-        (["--fps", "0"], ["fps", "positive"]),
-        (["--max-opening", "30mm"], ["--max-opening", "--scale"]),
-        (["--max-opening", "wide"], ["--max-opening", "30%"]),
-        (["--min-opening", "90", "--max-opening", "50"], ["90 px", "50 px"]),
-        (["--max-opening", "9"], ["no frame has a grasp", "too wide for the opening of 9 px", "needs"]),
-        (["--fingers", "3", "--max-opening", "9"], ["too wide for the opening of 9 px", "needs"]),
-        (["--finger-width", "9", "--grasp", "1,2 3,4"], ["--finger-width", "--grasp"]),
-        (["--scale", "4", "--grasp", "1,2 3,4"], ["--scale", "--grasp"]),
-        (["--masks", "nowhere"], ["masks", "nowhere"]),
-        (["--ignore", "nowhere.png"], ["nowhere.png"]),
-        (["--frobnicate"], ["--frobnicate", "--help"]),
-    ],
-)
-def test_options(more: list[str], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    error = refused(tracking(plates(tmp_path / "in", 2), tmp_path, "--no-video", *more), capsys)
+OPTIONS = [
+    ("track inspect", ["--strategy", "magic"], ["magic", "auto", "rrp", "grasp-line", "homography"]),
+    ("track inspect", ["--friction", "0"], ["--friction", "positive"]),
+    ("track", ["--friction", "nan"], ["friction", "positive"]),
+    ("track", ["--friction", "much"], ["--friction"]),
+    ("synthesize", ["--friction", "-1"], ["--friction", "positive"]),
+    ("track inspect", ["--fingers", "1"], ["at least 2"]),
+    ("inspect synthesize", ["--fingers", "4"], ["2 or 3", "4"]),
+    ("track", ["--fingers", "7"], ["7"]),
+    ("track", ["--fingers", "3", "--strategy", "grasp-line"], ["grasp-line", "2 fingers"]),
+    ("track", ["--fingers", "3", "--grasp", "1,2 3,4"], ["2 contacts", "3"]),
+    ("track", ["--grasp", "here and there"], ["x1,y1 x2,y2"]),
+    ("track inspect", ["--grasp", "10,10"], ["x1,y1 x2,y2"]),
+    ("track inspect", ["--grasp", "300,10 10,230"], ["outline"]),
+    ("track inspect synthesize", ["--object", "middle"], ["--object", "x,y"]),
+    ("track", ["--object", "1,2,3"], ["--object", "x,y"]),
+    ("track", ["--object", "5,5"], ["no object"]),
+    ("inspect synthesize", ["--object", "5,5"], ["000.png", "no object"]),
+    ("inspect synthesize", ["--object", "900,5"], ["--object 900,5", "outside", "320x240"]),
+    ("synthesize", ["--box", "1,2,3"], ["--box", "left,top,width,height"]),
+    ("synthesize", ["--box", "10,10,-5,20"], ["--box", "left,top,width,height"]),
+    ("synthesize", ["--box", "400,10,50,50"], ["--box 400,10,50,50", "outside", "320x240"]),
+    ("synthesize", ["--box", "2,2,20,20"], ["000.png", "no object"]),
+    ("inspect synthesize", ["--box", "10,10,50,50", "--object", "160,120"], ["--object", "--box", "one of them"]),
+    ("synthesize", ["--all", "--object", "160,120"], ["--all", "--object"]),
+    ("synthesize", ["--top", "0"], ["--top", "at least 1"]),
+    ("track", ["--fps", "0"], ["fps", "positive"]),
+    ("track inspect", ["--max-opening", "30mm"], ["--max-opening", "--scale"]),
+    ("track synthesize", ["--max-opening", "wide"], ["--max-opening", "120px, 40mm or 30%", "wide"]),
+    ("track synthesize", ["--min-opening", "90", "--max-opening", "50"], ["90 px", "50 px"]),
+    ("track", ["--max-opening", "9"], ["no frame has a grasp", "too wide for the opening of 9 px", "needs"]),
+    ("track", ["--fingers", "3", "--max-opening", "9"], ["too wide for the opening of 9 px", "needs"]),
+    ("synthesize", ["--finger-width", "0"], ["--finger-width", "120px, 40mm or 30%"]),
+    ("track inspect", ["--finger-width", "9", "--grasp", "1,2 3,4"], ["--finger-width", "--grasp"]),
+    ("synthesize", ["--finger-thickness", "4mm"], ["--finger-thickness 4mm", "--scale"]),
+    ("synthesize", ["--clearance", "3cm"], ["--clearance", "3cm"]),
+    ("track", ["--scale", "4", "--grasp", "1,2 3,4"], ["--scale", "--grasp"]),
+    ("synthesize", ["--scale", "0"], ["--scale", "positive"]),
+    ("synthesize", ["--scale", "nan"], ["--scale", "positive"]),
+    ("track", ["--masks", "nowhere"], ["masks", "nowhere"]),
+    ("inspect synthesize", ["--mask", "nowhere.png"], ["nowhere.png"]),
+    ("track synthesize", ["--ignore", "nowhere.png"], ["nowhere.png"]),
+    ("track", ["--frobnicate"], ["--frobnicate", "--help"]),
+]
+
+
+@pytest.mark.sampled(20)
+@pytest.mark.parametrize(("verb", "more", "words"), [(v, *case) for verbs, *case in OPTIONS for v in verbs.split()])
+def test_options(
+    verb: str, more: list[str], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = plates(tmp_path / "in", 2)
+    given = [verb, str(folder if verb == "track" else folder / "000.png"), "--output", str(tmp_path / "out"), *more]
+    error = refused([*given, "--no-video"] if verb == "track" else given, capsys)
     assert all(word in error for word in words), error
+    assert not (tmp_path / "out" / "inspect.json").exists()
 
 
 @pytest.mark.parametrize("given", [["track"], ["trak", "x"], ["transfer", "a.png"], ["--strategy", "rrp"]])
@@ -74,17 +92,9 @@ def test_usage(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert "--help" in refused(given, capsys)
 
 
-def test_sources_that_are_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "text.mp4").write_text("this is no video\n" * 30)
-    for source, words in {
-        tmp_path / "nope": "does not exist",
-        tmp_path / "empty": "holds no image",
-        tmp_path / "text.mp4": "is no video that can be read",
-        tmp_path / "*.png": "no image matches",
-    }.items():
-        assert words in refused(tracking(source, tmp_path), capsys)
-        assert not (tmp_path / "out").exists()
+def test_a_source_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "does not exist" in refused(tracking(tmp_path / "nope", tmp_path), capsys)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.sampled(2)
@@ -134,21 +144,6 @@ def test_a_damaged_image_is_named_in_one_line_whatever_its_decoder_says(tmp_path
     assert count(tmp_path) == 2
 
 
-def test_frames_that_change_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = plates(tmp_path / "in", 2)
-    write(folder / "002.png", plate(size=(200, 320)))
-    error = refused(tracking(folder, tmp_path, "--no-video"), capsys)
-    assert "002.png" in error and "320x200" in error and "320x240" in error and count(tmp_path) == 2
-
-
-def test_a_truncated_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = movie(tmp_path / "m.mp4", 60, size=(120, 160))
-    data = path.read_bytes()
-    path.write_bytes(data[: int(0.8 * len(data))])
-    assert "truncated" in refused(tracking(path, tmp_path, "--no-video"), capsys)
-    assert count(tmp_path) > 20
-
-
 def test_masks_that_do_not_match(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, masks = plates(tmp_path / "in", 3), plates(tmp_path / "masks", 2)
     assert "002.png" in refused(tracking(folder, tmp_path, "--masks", str(masks)), capsys)
@@ -167,6 +162,7 @@ def test_an_output_folder_that_cannot_be_written(tmp_path: Path, capsys: pytest.
         ["track", str(folder), "--output", blocked],
         ["transfer", str(folder / "000.png"), str(folder / "001.png"), "--output", blocked],
         ["demo", "--frames", "2", "--output", blocked],
+        ["synthesize", str(folder / "000.png"), "--output", blocked],
     ):
         assert "cannot be written" in refused(given, capsys)
 

@@ -1,14 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack evaluate` and `grasptrack compare`: what they write, what they say, and that nothing is lost."""
 
-from __future__ import annotations
-
 import csv
 import json
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import cv2
@@ -64,29 +58,6 @@ def test_the_same_run_gives_the_same_to_the_last_digit(tmp_path: Path) -> None:
     assert scored(tmp_path / "a") == scored(tmp_path / "b")
     assert main([*given, "--seed", "5", "--output", str(tmp_path / "c")]) == 0
     assert scored(tmp_path / "a") != scored(tmp_path / "c")
-
-
-@pytest.mark.slow
-def test_ctrl_c_keeps_what_is_done_and_the_same_command_goes_on(tmp_path: Path) -> None:
-    given = ["evaluate", "scenes", "--shapes", "bracket,blob,gear", "--disturbances", "noise,fast"]
-    given += ["--methods", "homography", "--frames", "30", "--workers", "1", "--output", str(tmp_path / "out")]
-    command = [sys.executable, "-m", "grasptrack.cli.main", *given]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
-    cases = tmp_path / "out" / "cases"
-    for _ in range(600):
-        if cases.is_dir() and any(cases.glob("*.csv")):
-            break
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=60) == 130
-    assert process.stderr is not None
-    told = process.stderr.read()
-    assert told.count("\n") == 1 and "goes on with it" in told
-    before = {path.name: path.stat().st_mtime_ns for path in cases.glob("*.csv")}
-    assert 1 <= len(before) < 6
-    assert main([*given, "--quiet"]) == 0
-    after = {path.name: path.stat().st_mtime_ns for path in cases.glob("*.csv")}
-    assert len(after) == 6 and all(after[name] == stamp for name, stamp in before.items())
 
 
 @pytest.mark.sampled(3)
@@ -152,9 +123,6 @@ def test_silhouettes_and_photos_are_parts(tmp_path: Path) -> None:
         frames = read_records(tmp_path / "out" / "cases" / f"{name}.clean-4dof.csv")["auto"]
         assert [f.status for f in frames[1:]] == ["tracked"] * 4  # five frames of a whole path: it jumps
         assert not any(f.is_false_accept for f in frames)
-
-
-# --- real videos ---------------------------------------------------------------------------------
 
 
 def film(folder: Path, frames: int = 5) -> Path:

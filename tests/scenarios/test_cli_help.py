@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Help of all verbs: one order, one form of defaults, units and values."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -89,9 +87,6 @@ def default_of(option: Any) -> str | None:
     return None if option.default is None or option.default is False else str(option.default)
 
 
-# --- groups --------------------------------------------------------------------------------------
-
-
 def test_every_verb_and_option_has_its_group() -> None:
     below = PROGRAM.commands.values()
     assert {verb.rich_help_panel for verb in below} == set(help_groups.VERB_GROUPS)
@@ -130,9 +125,6 @@ def test_the_program_lists_verbs_in_groups(capsys: pytest.CaptureFixture[str]) -
     at = [out.index(f"\n{group}:\n") for group in help_groups.VERB_GROUPS]
     assert at == sorted(at) and "Commands:" not in out
     assert max(map(len, out.split("Options:")[1].splitlines())) <= 80, "a short help that a narrow terminal breaks"
-
-
-# --- the form ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("verb", "option"), list(every_option()))

@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack servo`: what it writes, that the same seed is the same trial, and one line for what is wrong."""
 
-from __future__ import annotations
-
 import builtins
-import csv
 import json
 from dataclasses import replace
 from importlib.util import find_spec
@@ -102,22 +99,6 @@ def test_the_rate_leaves_refusals_out_and_counts_what_broke() -> None:
     assert 0.0 < low < 0.5 < high < 1.0
     assert dict(trials.count_reasons()) == {"off by # px": 1, "broken: died at #": 1}
     assert kind_of("a 12 b -3.5") == "a # b #"
-
-
-def test_what_was_tried_is_kept_when_the_rest_is_stopped(tmp_path: Path) -> None:
-    cases = draw_cases(
-        [SHAPES["disc"](), SHAPES["bracket"]()], 4, scenario="static", arm="gantry", law="online", seed=3
-    )
-
-    def stopped(function: Any, tasks: list[Any]) -> Any:
-        for index, case in enumerate(tasks[:2]):
-            yield TaskOutcome(index, (Row(case.seed, case.shape.name, case.scenario, case.arm, case.law), b""), "")
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_trials(tmp_path, cases, stopped, options={})
-    with (tmp_path / "trials.csv").open() as file:
-        assert [int(row["seed"]) for row in csv.DictReader(file)] == [case.seed for case in cases[:2]]
 
 
 def answered(cases: list[ApproachCase], made: Any, stop: int | None = None) -> Any:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack transfer`: what is refused, with which status, and what is told where the images do not tell all."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -93,12 +91,6 @@ def test_another_object_and_a_plain_disc_are_refused(tmp_path: Path, capsys: pyt
     assert status == 3 and not told["believed"] and said.out == "" and len(said.err.splitlines()) == 1
     assert [o["confidence"] for o in told["outcomes"]] == [0.0] * 4 or (tmp_path / "transfer.png").stat().st_size > 99
     assert all(o["reason"] for o in told["outcomes"])
-
-
-@pytest.mark.parametrize("risk", ["0", "1", "nan"])
-def test_a_risk_that_is_none(risk: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["transfer", "a.png", "b.png", "--risk", risk, "--output", str(tmp_path)]) == 2
-    assert "--risk must be a probability between 0 and 1" in capsys.readouterr().err
 
 
 @pytest.mark.sampled(1)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Objects that differ from their ground by colour, or are darker here and lighter there: followed, never mistaken."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import cv2
@@ -67,7 +65,7 @@ def test_light_that_changes_slowly_is_followed(surface: str) -> None:
     run.check(11)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("strategy", ["auto", "rrp"])
 @pytest.mark.parametrize("surface", SURFACES)
 @pytest.mark.parametrize(

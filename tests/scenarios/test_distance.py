@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How far the object is, where its length is told: exact where the plane is known, and as sure as it says elsewhere."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -33,9 +31,6 @@ from test_plane import FOCAL, HEIGHT, WIDTH, Followed, camera, plane_of, rendere
 BOX = np.array([[-3.0, -1.0], [3.0, -1.0], [3.0, 1.0], [-3.0, 1.0]])
 
 
-# --- the length ----------------------------------------------------------------------------------
-
-
 @given(st.floats(0.5, 300.0), st.floats(0.1, 1.0), st.floats(-3.0, 3.0), st.floats(-400.0, 400.0))
 def test_the_length_of_a_rectangle_is_its_longer_side(long: float, share: float, turn: float, away: float) -> None:
     z = (0.5 * long * (BOX / 3.0 * (1.0, 3.0 * share)) @ [1, 1j]) * np.exp(1j * turn) + away
@@ -59,9 +54,6 @@ def test_what_is_no_length(text: str) -> None:
 def test_a_length_that_is_none(length: float) -> None:
     with pytest.raises(InputError, match="length must be a positive number"):
         GraspTracker(length=length)
-
-
-# --- the distance, where the plane is known --------------------------------------------------------
 
 
 def views(
@@ -130,9 +122,6 @@ def test_what_no_distance_follows_from_gives_none(size: float, line: slice) -> N
     for covariance in (np.zeros((9, 9)), np.eye(9), np.full((9, 9), math.nan)):
         told = ruler.distance_in(H, covariance)
         assert (math.isnan(told.value) and math.isnan(told.sd)) or (0.0 <= told.value < math.inf > told.sd >= 0.0)
-
-
-# --- approaches ----------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -215,9 +204,6 @@ def test_every_verb_takes_the_focal_length_of_a_calibration(
         log, sd = known[-1]
         assert log == pytest.approx(math.log(900 / 640) if calibrated else 0.0, abs=0.01)
         assert (sd < 0.02) == calibrated and sd >= NUMBERS.calibrated_sd
-
-
-# --- where it is told ----------------------------------------------------------------------------
 
 
 def test_the_files_tell_it_in_each_row(tmp_path: FilePath) -> None:

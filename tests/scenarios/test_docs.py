@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The documentation says what is: names that exist, options and columns as they are, imports that go one way."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

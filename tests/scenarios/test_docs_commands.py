@@ -5,8 +5,6 @@ The pages' own file names are laid out in a folder (`workspace`), so that comman
 tables below say which options make a command short. A command that no table knows fails.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import re
@@ -77,11 +75,11 @@ ELSEWHERE = {
     "pip check": "pip's own",
     "pip install --no-binary av av": "builds FFmpeg's bindings from source",
     "python tests/slow/golden.py --write": "writes a file of the repository; tests/slow/test_golden.py runs the rest",
-    "python tests/fuzz/long_live.py --seconds 3600": "tests/slow/test_long_live.py runs it for seconds",
-    "python tests/fuzz/servo_calls.py --count 10000 --real 250 --seed 21": "tests/slow/test_servo_calls.py runs some of it",
+    "python tests/fuzz/long_live.py --seconds 3600": "tests/slow/test_live_fuzz.py runs it for seconds",
+    "python tests/fuzz/servo_calls.py --count 10000 --real 250 --seed 21": "tests/slow/test_fuzz.py runs some of it",
     "python tests/helpers/setup_errors.py": "tests/slow/test_servo_setups.py runs all of it",
     "python tests/helpers/written_pages.py": "writes files of the repository; tests/scenarios/test_docs.py compares them",
-    "python tests/helpers/frozen.py": "tests/slow/test_frozen.py runs it",
+    "python tests/helpers/frozen.py": "tests/slow/test_golden.py runs it",
     "python tests/oracle/write_stub.py": "writes a file of the repository; tests/scenarios/test_kernels_api.py compares it",
     "python3 -m venv fresh": ".ci/run makes one",
     "fresh/bin/pip install .": ".ci/run builds a wheel and installs it",

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each Python block of README and docs runs as it stands, and it and the examples pass a type checker."""
 
-from __future__ import annotations
-
 import ast
 import builtins
 import json

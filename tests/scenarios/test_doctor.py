@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack doctor` tells what is there, what is missing, and what is wrong."""
 
-from __future__ import annotations
-
 import importlib.metadata as metadata
 import sys
 from pathlib import Path

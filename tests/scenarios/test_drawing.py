@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures and plain values of results: what a notebook shows, and what goes to JSON."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

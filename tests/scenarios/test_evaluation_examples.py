@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The examples run as they stand, and the demonstration gives what it promises."""
 
-from __future__ import annotations
-
-import csv
 import os
 import subprocess
 import sys
@@ -15,6 +12,7 @@ import pytest
 from grasptrack.demo import STRATEGIES, DemoFrame, demo_scene, run_demo
 from grasptrack.demo.run import contact_errors
 from grasptrack.tracking.tracker import GraspTracker
+from recordings import rows as read_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -39,12 +37,11 @@ def test_the_demonstration_writes_truth_and_a_folder_for_each_strategy(tmp_path:
     assert (tmp_path / "scene.mp4").stat().st_size > 1000
     assert all((tmp_path / name / "grasps.csv").exists() for name in STRATEGIES)
     scene = demo_scene(6)
-    with (tmp_path / "truth.csv").open(newline="") as file:
-        for i, row in enumerate(csv.DictReader(file)):
-            H = np.array([float(row[f"h{j}{k}"]) for j in "123" for k in "123"]).reshape(3, 3)
-            assert int(row["frame"]) == i and (scene.homography(i) == H).all()
-            assert float(row["area_px2"]) == pytest.approx(scene[i].area, abs=1e-3)
-            assert row["outline_visible"] == "1.0000"
+    for i, row in enumerate(read_rows(tmp_path, "truth.csv")):
+        H = np.array([float(row[f"h{j}{k}"]) for j in "123" for k in "123"]).reshape(3, 3)
+        assert int(row["frame"]) == i and (scene.homography(i) == H).all()
+        assert float(row["area_px2"]) == pytest.approx(scene[i].area, abs=1e-3)
+        assert row["outline_visible"] == "1.0000"
     assert ("render", 6, 6) in steps
     assert ("homography", 6, 6) in steps
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Real videos whose object is told by `scenes.csv`: which one is followed, from which frame, and what is counted."""
 
-from __future__ import annotations
-
 import csv
 import math
 from functools import lru_cache
@@ -21,6 +19,7 @@ from grasptrack_bench.method import Method, MethodStart
 from grasptrack_bench.metrics.score import accept_limit
 from grasptrack_bench.real import Given, another_object, read_scenes, share_in_view
 from grasptrack_bench.records import read_records
+from recordings import rows
 from scores import write_homographies
 from test_cli_bad_input import refused
 
@@ -114,10 +113,9 @@ def test_the_pixel_chooses_the_object_and_the_table_says_what_was_whole(
             assert f.area == pytest.approx(area, rel=1e-3) and f.limit == pytest.approx(accept_limit(f.area))
     wholes = [i for i in range(START + 1, FRAMES) if i != WITHOUT and (quads[i] > 1.0).all()]
     assert 0 < len(wholes) < FRAMES - START - 2
-    with (tmp_path / "summary.csv").open(newline="") as file:
-        rows = {(r["method"], r["video"]): r for r in csv.DictReader(file)}
-    assert [int(rows["auto", v]["frames_whole"]) for v in ("alone", "pair", "all")] == [len(wholes)] * 2 + [8]
-    assert float(rows["ecc", "all"]["located_whole"]) == 1.0 and rows["ecc", "all"]["false_accepts"] == "0"
+    told = {(r["method"], r["video"]): r for r in rows(tmp_path, "summary.csv")}
+    assert [int(told["auto", v]["frames_whole"]) for v in ("alone", "pair", "all")] == [len(wholes)] * 2 + [8]
+    assert float(told["ecc", "all"]["located_whole"]) == 1.0 and told["ecc", "all"]["false_accepts"] == "0"
 
 
 @pytest.mark.slow

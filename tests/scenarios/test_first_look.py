@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The first look: objects of several colours, or as bright as their ground, outlines that a glare interrupts."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

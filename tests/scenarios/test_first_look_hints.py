@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a person or a net says of the first image, and what becomes of it."""
 
-from __future__ import annotations
-
 import hashlib
 import http.server
 import threading

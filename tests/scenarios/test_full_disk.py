@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A disk that gets full, or a limit on files: one line, status 2, and what was computed can be read."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import subprocess

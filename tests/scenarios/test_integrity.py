@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contacts that are given are right: another object, a near twin, a turned symmetric one or a cover is never taken for it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -40,7 +38,7 @@ TWINS = [
 ]
 
 
-@pytest.mark.sampled(9)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(("shape", "stranger"), TWINS)
 @pytest.mark.parametrize(("strategy", "gap"), [("auto", 0), ("auto", 2), ("rrp", 0)])
 def test_an_exchanged_object_is_not_the_object(shape: Shape, stranger: Shape, strategy: str, gap: int) -> None:
@@ -129,6 +127,7 @@ def test_a_toothed_part_may_have_turned_while_images_were_missing() -> None:
     run.check(4)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ["gear", "hex-nut", "star"])
 @pytest.mark.parametrize(("turn", "pause"), [(0.0, 1.0), (2.0, 0.0)], ids=["rests", "turns"])
 def test_a_part_that_fits_itself_turned_is_followed(name: str, turn: float, pause: float) -> None:

@@ -1,16 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sources that cannot be read, or not to their end: one line that names them, after the frames that could be read."""
+"""Sources that cannot be read, not to their end, or are larger than allowed: one line that names them."""
 
-from __future__ import annotations
-
+import json
 import re
+import resource
+import struct
+import warnings
+import zlib
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
+import numpy as np
 import pytest
 
 from grasptrack import SourceError, open_source
-from recordings import movie, picture, recording, write
+from grasptrack.cli.main import main
+from grasptrack.io.images import image_size_in_header, read_image
+from grasptrack.io.limits import limit_megapixels
+from recordings import movie, picture, plate, plates, recording, write
+from test_cli_bad_input import refused
 
 
 def says(pattern: str) -> object:
@@ -110,3 +120,190 @@ def test_a_truncated_mp4_with_its_index_behind_shows_nothing(tmp_path: Path) -> 
     behind.write_bytes(data[: int(0.8 * len(data))])
     with says("is truncated"):
         open_source(behind)
+
+
+SUFFIXES = (".png", ".jpg", ".bmp", ".tif", ".pgm", ".ppm", ".webp")
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a verb writes without being told where stays out of the folder of the sources."""
+    monkeypatch.chdir(tmp_path)
+
+
+def huge_png(path: Path, side: int = 20_000) -> Path:
+    """A small file of side x side px, all of one level."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    packer = zlib.compressobj(1)
+    rows = b"".join([*(packer.compress(bytes(side + 1)) for _ in range(side)), packer.flush()])
+    head = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b""))
+    return path
+
+
+# --- size ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("size", [(33, 57), (64, 48), (1, 300)])
+def test_the_header_tells_the_size(tmp_path: Path, suffix: str, size: tuple[int, int]) -> None:
+    image = picture(2, size, 1 if suffix == ".pgm" else 3)
+    data = write(tmp_path / f"a{suffix}", image).read_bytes()
+    assert image_size_in_header(data) == (size[1], size[0])
+    for end in range(min(len(data), 200)):  # cut anywhere: the same, or nothing
+        assert image_size_in_header(data[:end]) in (None, (size[1], size[0]))
+
+
+def test_an_image_above_the_limit_costs_no_memory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = huge_png(tmp_path / "a.png")
+    assert path.stat().st_size < 3_000_000
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for verb in (["track"], ["synthesize"], ["inspect"], ["transfer", str(path)]):
+        said = refused([*verb, str(path)], capsys)
+        assert "20000x20000" in said and "400 megapixels" in said and "--max-megapixels" in said
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000  # KiB; the image alone has 390,000
+
+
+def test_the_limit_is_the_users(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write(tmp_path / "a.png", plate())
+    assert "0.05" in refused(["synthesize", str(path), "--max-megapixels", "0.05"], capsys)
+    assert main(["synthesize", str(path), "--quiet"]) == 0  # the limit was that command's alone
+    for wrong in ("0", "-1", "nan"):
+        assert "--max-megapixels" in refused(["synthesize", str(path), "--max-megapixels", wrong], capsys)
+
+
+def test_the_limit_holds_for_masks_and_videos(tmp_path: Path) -> None:
+    video, mask = movie(tmp_path / "a.mp4"), write(tmp_path / "m.png", picture()[:, :, 0])
+    limit_megapixels(0.002)
+    try:
+        with pytest.raises(SourceError, match="64x48 px"):
+            open_source(video)
+        with pytest.raises(SourceError, match="64x48 px"):
+            read_image(mask)
+    finally:
+        limit_megapixels(None)
+    assert len(list(open_source(video))) == 12
+
+
+# --- metadata and times --------------------------------------------------------------------------
+
+
+def titled(path: Path, title: bytes) -> Path:
+    """A video whose title is the given bytes."""
+    place = b"TITLETITLE"
+    with av.open(str(path), "w") as container:
+        container.metadata["title"] = place.decode()
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for i in range(4):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(i), format="bgr24")))
+        container.mux(stream.encode(None))
+    data = path.read_bytes()
+    assert place in data
+    path.write_bytes(data.replace(place, title.ljust(len(place))))
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".avi"])
+def test_a_title_in_latin_1_is_a_warning(tmp_path: Path, suffix: str) -> None:
+    path = titled(tmp_path / f"a{suffix}", "Käse".encode("latin-1"))
+    with pytest.warns(UserWarning, match="title is not in UTF-8"):
+        source = open_source(path)
+    assert len(list(source)) == 4
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(list(open_source(titled(path, b"cheese")))) == 4
+
+
+def timed(path: Path, times: list[int]) -> Path:
+    """A video whose frames have these presentation times, 1/25 s, in the order of the file."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mjpeg", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
+        stream.time_base = stream.codec_context.time_base = Fraction(1, 25)
+        for i, at in enumerate(times):
+            frame = av.VideoFrame.from_ndarray(picture(i), format="bgr24")
+            frame.pts, frame.time_base = i, Fraction(1, 25)
+            for packet in stream.encode(frame):
+                packet.pts = packet.dts = at
+                container.mux(packet)
+    return path
+
+
+def test_times_that_do_not_go_on_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    images = plates(tmp_path / "images", 6)
+    source = open_source(images)
+    given = iter([0.0, 0.1, 0.1, float("nan"), 0.05, 0.2])
+    read = source._read
+    monkeypatch.setattr(source, "_read", lambda: ((image, next(given), name) for image, _, name in read()))
+    with pytest.warns(UserWarning, match=r"002.png, 0.1 s, is not after 0.1 s") as said:
+        times = [frame.time for frame in source]
+    assert times == [0.0, 0.1, None, None, None, 0.2]
+    assert len(said) == 1
+
+
+# --- files that end early ------------------------------------------------------------------------
+
+
+def cut_live(path: Path, seconds: float, whole: float) -> Path:
+    """A WebM as a recorder leaves it that died: its header tells of more than there is."""
+    with av.open(str(path), "w", options={"live": "1"} if not whole else {}) as container:
+        stream = container.add_stream("libvpx", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for i in range(round(25 * seconds)):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(i % 5), format="bgr24")))
+        container.mux(stream.encode(None))
+    data = path.read_bytes()
+    at = data.index(b"\x44\x89\x88") + 3  # Duration, a double of ms
+    path.write_bytes(data[:at] + struct.pack(">d", 1000.0 * whole) + data[at + 8 :])
+    return path
+
+
+def test_a_whole_webm_ends_where_it_says(tmp_path: Path) -> None:
+    source = open_source(cut_live(tmp_path / "a.webm", 1.0, 1.0))
+    assert len(list(source)) == 25 and source.shortfall == ""
+
+
+def test_a_webm_that_ends_early_says_so(tmp_path: Path) -> None:
+    source = open_source(cut_live(tmp_path / "a.webm", 1.0, 2.0))
+    assert len(list(source)) == 25
+    assert source.shortfall == "it ends early: its header tells of 2.00 s, its last frame is at 0.96 s"
+
+
+def test_a_run_tells_of_a_source_that_ended_early(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from grasptrack.io.images import ImageSource
+
+    images = plates(tmp_path / "images", 5)
+    monkeypatch.setattr(ImageSource, "shortfall", property(lambda _: "it ends early", lambda *_: None), raising=False)
+    assert main(["track", str(images), "--output", str(tmp_path / "out"), "--no-video"]) == 0
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["shortfall"] == "it ends early"
+    assert "it ends early" in capsys.readouterr().out
+
+
+# --- names ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name", ["camera:99999999999999999999", "camera:1000", "camera:", "a\0b", "x" * 5000, "camera:-1"]
+)
+def test_names_of_sources_that_cannot_be(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    refused(["track", name], capsys)
+
+
+def test_evaluate_into_a_folder_whose_cases_are_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "cases").write_text("mine")
+    given = ["evaluate", "scenes", "--shapes", "bracket", "--disturbances", "noise", "--methods", "auto"]
+    said = refused([*given, "--frames", "3", "--output", str(tmp_path)], capsys)
+    assert "cases" in said and (tmp_path / "cases").read_text() == "mine"
+
+
+def test_all_suffixes_are_decoded(tmp_path: Path) -> None:
+    for suffix in SUFFIXES:
+        image = read_image(write(tmp_path / f"b{suffix}", picture(2, (40, 50), 1 if suffix == ".pgm" else 3)))
+        assert image.shape[:2] == (40, 50)
+    assert np.array_equal(read_image(tmp_path / "b.png"), picture(2, (40, 50)))

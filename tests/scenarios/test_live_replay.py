@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What was clicked on the live page and recorded is tracked again to the last digit, with the options that it keeps."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page's server: who is let in, which files can be had, what goes over the WebSocket; slow browsers slow nobody."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import signal
@@ -34,7 +32,7 @@ from grasptrack.live.guard import Guard  # noqa: E402
 from grasptrack.live.server import MOST_CLIENTS, PAGE, PageServer  # noqa: E402
 from grasptrack.live.session import LiveSession  # noqa: E402
 from recordings import movie, plate, plates, rows  # noqa: E402
-from watched import FedCamera, plate_session, reached, session_on, threads_left, threads_of_ours, until  # noqa: E402
+from watched import camera_session, plate_session, reached, threads_left, threads_of_ours, until  # noqa: E402
 
 
 @contextmanager
@@ -188,20 +186,10 @@ def test_files_of_the_run_can_be_had_and_no_others(tmp_path: Path) -> None:
         assert got.status_code == 200 and got.text.startswith("frame,time_s,status")
         assert got.headers["content-disposition"] == 'attachment; filename="grasps.csv"'
         for name in (
-            "secret.txt",
-            "../outside.csv",
-            "..%2foutside.csv",
-            "%2e%2e/outside.csv",
-            "..%5coutside.csv",
-            "/etc/passwd",
-            "%2fetc%2fpasswd",
-            "grasps.csv/../../outside.csv",
-            "grasps.csv%00",
-            "goal.json",
-            "",
-            ".",
+            "secret.txt", "../outside.csv", "..%2foutside.csv", "%2e%2e/outside.csv", "..%5coutside.csv",
+            "/etc/passwd", "%2fetc%2fpasswd", "grasps.csv/../../outside.csv", "grasps.csv%00", "goal.json", "", ".",
             "..",
-        ):
+        ):  # fmt: skip
             answer = raw_get(server.port, f"/files/{name}")
             assert answer.startswith((b"HTTP/1.1 404", b"HTTP/1.1 400", b"HTTP/1.1 307")), (name, answer[:60])
             assert b"beside the run" not in answer and b"root:" not in answer and b"own" not in answer
@@ -299,9 +287,7 @@ def test_hosts_that_a_guard_knows() -> None:
 
 
 def test_a_browser_that_never_draws_slows_nobody_and_gets_the_newest_when_it_does(tmp_path: Path) -> None:
-    camera = FedCamera()
-    camera.images.put(plate())
-    with session_on(camera, tmp_path, at_once=True) as session:
+    with camera_session(tmp_path, plate(), at_once=True) as (session, camera):
         reached(session, "tracking", image=1)
         with served(session) as server, open_socket(server) as slow:
             numbers = []

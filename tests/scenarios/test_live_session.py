@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A session without a page: what each command does, what its files hold, and that nothing outlives it."""
 
-from __future__ import annotations
-
 import errno
 import json
 import threading
@@ -28,8 +26,10 @@ from tiny_onnx import write_pair
 from watched import (
     PATIENCE,
     FedCamera,
+    camera_session,
     plate_session,
     reached,
+    record_and_start,
     session_on,
     threads_left,
     threads_of_ours,
@@ -78,10 +78,7 @@ def test_a_click_follows_the_object_in_the_image_that_was_clicked(tmp_path: Path
 
 
 def test_candidates_are_numbered_where_it_is_not_sure_and_a_number_takes_one(tmp_path: Path) -> None:
-    camera = FedCamera()
-    for _ in range(3):
-        camera.images.put(two_plates())
-    with session_on(camera, tmp_path) as session:
+    with camera_session(tmp_path, *[two_plates()] * 3) as (session, _):
         shown = reached(session, "choosing")
         assert shown.proposal is not None and len(shown.proposal.candidates) >= 2
         assert not shown.proposal.is_sure(0.9)
@@ -92,31 +89,20 @@ def test_candidates_are_numbered_where_it_is_not_sure_and_a_number_takes_one(tmp
         assert shown.result.view.outer.points.mean(axis=0) == pytest.approx(second, abs=2.0)
 
 
-def test_taking_the_first_candidate_is_a_persons_word(tmp_path: Path) -> None:
-    camera = FedCamera()
-    camera.images.put(two_plates())
-    with session_on(camera, tmp_path) as session:
-        reached(session, "choosing")
-        session.send_command(told.Choose(1))
-        shown = reached(session, "tracking")
-        assert shown.result is not None and shown.result.object_sure
-        camera.images.put(two_plates())
-        shown = reached(session, "tracking", image=2)
-        assert shown.result is not None and shown.result.object_sure
-
-
-def test_at_once_without_a_word_stays_unsure(tmp_path: Path) -> None:
-    camera = FedCamera()
-    camera.images.put(two_plates())
-    with session_on(camera, tmp_path, at_once=True) as session:
-        shown = reached(session, "tracking")
-        assert shown.result is not None and not shown.result.object_sure
+@pytest.mark.parametrize("word", [True, False], ids=["said", "at once"])
+def test_taking_the_first_candidate_is_a_persons_word_and_beginning_at_once_is_none(tmp_path: Path, word: bool) -> None:
+    with camera_session(tmp_path, two_plates(), at_once=not word) as (session, camera):
+        if word:
+            reached(session, "choosing")
+            session.send_command(told.Choose(1))
+        for image in (1, 2):
+            shown = reached(session, "tracking", image=image)
+            assert shown.result is not None and shown.result.object_sure is word
+            camera.images.put(two_plates())
 
 
 def test_pixels_for_and_against_add_up_on_one_image(tmp_path: Path) -> None:
-    camera = FedCamera()
-    camera.images.put(two_plates())
-    with session_on(camera, tmp_path, meant=FirstImage(sure=0.9999)) as session:
+    with camera_session(tmp_path, two_plates(), meant=FirstImage(sure=0.9999)) as (session, _):
         reached(session, "choosing")
         session.send_command(told.Pick(1, 340.0, 100.0))
         until(session, lambda s: s.phase == "choosing" and s.meant.object_at)
@@ -141,9 +127,7 @@ def test_contacts_are_moved_to_the_outline_and_followed(tmp_path: Path) -> None:
 
 
 def test_a_box_an_outline_and_a_wire_say_which_object(tmp_path: Path) -> None:
-    camera = FedCamera()
-    camera.images.put(two_plates())
-    with session_on(camera, tmp_path) as session:
+    with camera_session(tmp_path, two_plates()) as (session, _):
         reached(session, "choosing")
         session.send_command(told.Box(1, 260.0, 50.0, 180.0, 140.0))
         shown = until(session, lambda s: s.phase in ("choosing", "tracking") and s.meant.box is not None)
@@ -163,9 +147,7 @@ def test_a_box_an_outline_and_a_wire_say_which_object(tmp_path: Path) -> None:
 
 
 def test_a_pause_holds_the_image_and_a_camera_goes_on_with_the_newest(tmp_path: Path) -> None:
-    camera = FedCamera()
-    camera.images.put(plate())
-    with session_on(camera, tmp_path, at_once=True) as session:
+    with camera_session(tmp_path, plate(), at_once=True) as (session, camera):
         reached(session, "tracking", image=1)
         session.send_command(told.Pause(True))
         reached(session, "tracking", paused=True)
@@ -179,9 +161,7 @@ def test_a_pause_holds_the_image_and_a_camera_goes_on_with_the_newest(tmp_path: 
 
 def test_what_moves_while_a_person_chooses_is_caught_up_with(tmp_path: Path) -> None:
     """A square that turns by 90 degrees meanwhile would be ambiguous for who sees only the newest image."""
-    camera = FedCamera()
-    camera.images.put(square(0.0))
-    with session_on(camera, tmp_path) as session:
+    with camera_session(tmp_path, square(0.0)) as (session, camera):
         first = reached(session, "choosing").result
         turns = np.radians(np.arange(6.0, 97.0, 6.0))
         for angle in turns:
@@ -220,9 +200,7 @@ def test_a_file_is_played_again_from_its_start(tmp_path: Path) -> None:
 
 
 def test_friction_is_judged_at_once_and_fingers_give_another_grasp(tmp_path: Path) -> None:
-    camera = FedCamera()
-    camera.images.put(plate())
-    with session_on(camera, tmp_path, at_once=True) as session:
+    with camera_session(tmp_path, plate(), at_once=True) as (session, camera):
         before = reached(session, "tracking", image=1).result
         session.send_command(told.Friction(0.9))
         camera.images.put(plate((161.0, 120.0)))
@@ -248,9 +226,7 @@ def test_a_number_of_fingers_that_the_strategy_cannot_carry_is_told(tmp_path: Pa
 
 def test_recordings_are_whole_videos_in_the_runs_folder(tmp_path: Path) -> None:
     with plate_session(tmp_path, 10) as session:
-        reached(session, "choosing")
-        session.send_command(told.Record(True))
-        session.send_command(told.Start())
+        record_and_start(session)
         shown = reached(session, "ended")
         assert shown.recording == "recording-001.mp4"
         session.send_command(told.Record(False))
@@ -264,9 +240,7 @@ def test_a_recording_for_foxglove_is_a_source_again(tmp_path: Path) -> None:
     pytest.importorskip("foxglove")
     pytest.importorskip("rosbags")
     with plate_session(tmp_path, 5, record_as=".mcap") as session:
-        reached(session, "choosing")
-        session.send_command(told.Record(True))
-        session.send_command(told.Start())
+        record_and_start(session)
         reached(session, "ended")
         session.send_command(told.Record(False))
         until(session, lambda s: "recording-001.mcap" in s.files)
@@ -318,9 +292,7 @@ def test_a_file_waits_for_its_recording(tmp_path: Path, monkeypatch: pytest.Monk
     gated = Gated(tmp_path / "run" / "recording-001.mcap")
     monkeypatch.setattr(recorder, "create_recording", lambda path, **_: gated)
     with plate_session(tmp_path, HELD + 8, record_as=".mcap") as session:
-        reached(session, "choosing")
-        session.send_command(told.Record(True))
-        session.send_command(told.Start())
+        record_and_start(session)
         until(session, lambda s: s.image >= HELD)
         assert not session.wait_for(lambda s: s.phase == "ended", 0.3)
         gated.gate.set()
@@ -336,9 +308,7 @@ def test_a_recording_that_finds_no_room_is_told_and_tracking_goes_on(
     gated.gate.set()
     monkeypatch.setattr(recorder, "create_recording", lambda path, **_: gated)
     with plate_session(tmp_path, 5, record_as=".mcap") as session:
-        reached(session, "choosing")
-        session.send_command(told.Record(True))
-        session.send_command(told.Start())
+        record_and_start(session)
         shown = until(session, lambda s: s.phase == "ended" and not s.recording)
         line = '"recording-001.mcap" cannot be written: No space left on device; 0 images of it can be read'
         assert shown.notice[1] == line
@@ -367,10 +337,8 @@ def test_fingertips_become_a_goal_that_the_servo_reads(tmp_path: Path) -> None:
 
 
 def test_a_source_that_breaks_off_leaves_what_was_computed_and_can_be_begun_again(tmp_path: Path) -> None:
-    camera = FedCamera()
-    for what in (plate(), plate((161.0, 120.0)), "camera fed was unplugged"):
-        camera.images.put(what)
-    with session_on(camera, tmp_path, at_once=True) as session:
+    given = (plate(), plate((161.0, 120.0)), "camera fed was unplugged")
+    with camera_session(tmp_path, *given, at_once=True) as (session, camera):
         shown = reached(session, "failed")
         assert shown.notice[1] == "camera fed was unplugged"
         session.send_command(told.Restart())
@@ -382,10 +350,8 @@ def test_a_source_that_breaks_off_leaves_what_was_computed_and_can_be_begun_agai
 
 
 def test_what_was_said_of_a_cameras_first_image_does_not_count_of_another_one(tmp_path: Path) -> None:
-    camera = FedCamera()
-    camera.images.put(two_plates())
     meant = FirstImage(object_at=((340.0, 100.0),))
-    with session_on(camera, tmp_path, meant=meant) as session:
+    with camera_session(tmp_path, two_plates(), meant=meant) as (session, camera):
         shown = reached(session, "tracking")
         assert shown.meant == meant
         camera.images.put("unplugged")
@@ -396,18 +362,14 @@ def test_what_was_said_of_a_cameras_first_image_does_not_count_of_another_one(tm
 
 
 def test_images_of_another_size_end_it_in_one_line(tmp_path: Path) -> None:
-    camera = FedCamera()
-    camera.images.put(plate())
-    with session_on(camera, tmp_path, at_once=True) as session:
+    with camera_session(tmp_path, plate(), at_once=True) as (session, camera):
         reached(session, "tracking")
         camera.images.put(plate(size=(200, 300)))
         assert "all frames must have one size" in reached(session, "failed").notice[1]
 
 
 def test_an_empty_bench_is_looked_at_until_an_object_lies_there(tmp_path: Path) -> None:
-    camera = FedCamera()
-    camera.images.put(np.full((240, 320), 200, np.uint8))
-    with session_on(camera, tmp_path) as session:
+    with camera_session(tmp_path, np.full((240, 320), 200, np.uint8)) as (session, camera):
         shown = until(session, lambda s: s.phase == "opening" and s.result is not None)
         assert shown.result is not None and shown.result.status == "searching"
         camera.images.put(plate())

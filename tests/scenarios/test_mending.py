@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A first outline that is wrong is found out and mended once; another object, or what lies in front of it, is not."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Real photos, which are no part of the repository: tools on a glossy and on a dirty bench, several parts at once."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

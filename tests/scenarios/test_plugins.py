@@ -1,21 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A package from outside adds a strategy, a segmenter and a method without touching a file of this one."""
 
-from __future__ import annotations
-
-import csv
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 from grasptrack.cli import bench_verbs
 from grasptrack.cli.main import main
+from recordings import plate, rows, write
 
 OUTSIDER = '''
 import numpy as np
@@ -109,13 +105,9 @@ def outside(tmp_path: Path) -> Path:
     (site / "outsider.py").write_text(OUTSIDER)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: outsider\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(ENTRIES)
-    plate = np.array([[200, 150], [450, 170], [440, 240], [310, 250], [290, 340], [190, 320]])
-    frames = tmp_path / "frames"
-    frames.mkdir()
+    (tmp_path / "frames").mkdir()
     for i in range(3):
-        image = np.full((480, 640), 210, np.uint8)
-        cv2.fillPoly(image, [plate + 4 * i], (40,), cv2.LINE_AA)
-        cv2.imwrite(str(frames / f"frame{i}.png"), cv2.GaussianBlur(image, (0, 0), 0.8))
+        write(tmp_path / "frames" / f"frame{i}.png", plate((150.0 + 4 * i, 118.0 + 4 * i)))
     return tmp_path
 
 
@@ -123,11 +115,6 @@ def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "grasptrack.cli.main", *words]
     environment = {**os.environ, "PYTHONPATH": str(folder / "site")}
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-
-
-def rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / "grasps.csv").open() as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.mark.slow

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nets that are asked by clicks, by stand-ins of a few nodes with the names and shapes of public exports."""
 
-from __future__ import annotations
-
 import hashlib
 import sys
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Real videos, which are no part of the repository: contacts against reference homographies, and a hand in the way."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run is recorded as: MCAP for Foxglove and RRD for rerun, read back by their own libraries; and lines of JSON."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
@@ -29,8 +27,11 @@ def track(source: object, out: Path, *more: str) -> list[dict[str, str]]:
     return [{k: v for k, v in row.items() if k != "latency_ms"} for row in rows(out)]
 
 
+Recorded = tuple[Path, list[dict[str, str]], list[TrackResult]]
+
+
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict[str, str]], list[TrackResult]]:
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     """A folder with run.mcap and run.jsonl, the rows of the run, and the results that were recorded."""
     pytest.importorskip("foxglove", reason="the extra foxglove is not installed")
     folder = tmp_path_factory.mktemp("recorded")
@@ -58,9 +59,7 @@ def decoded(path: Path) -> dict[str, list[Any]]:
     return found
 
 
-def test_an_mcap_file_holds_images_annotations_and_results(
-    recorded: tuple[Path, list[dict[str, str]], list[TrackResult]],
-) -> None:
+def test_an_mcap_file_holds_images_annotations_and_results(recorded: Recorded) -> None:
     folder, _, results = recorded
     found = decoded(folder / "run.mcap")
     images, drawn, told = (found[f"/grasptrack/{t}"] for t in ("image", "annotations", "result"))
@@ -121,7 +120,7 @@ def test_what_was_recorded_up_to_an_error_can_be_read(tmp_path: Path) -> None:
     assert len(list(open_source(tmp_path / "run.mcap"))) == 3
 
 
-def test_lines_of_json(recorded: tuple[Path, list[dict[str, str]], list[TrackResult]]) -> None:
+def test_lines_of_json(recorded: Recorded) -> None:
     folder, table, results = recorded
     lines = [json.loads(line) for line in (folder / "run.jsonl").read_text().splitlines()]
     for line, row, result in zip(lines, table, results, strict=True):
@@ -145,9 +144,7 @@ def test_lines_of_json(recorded: tuple[Path, list[dict[str, str]], list[TrackRes
     assert table[0]["cov_xx1"] == "" and lines[0]["covariances"] is None
 
 
-def test_the_columns_carry_the_first_contacts_to_those_of_each_row(
-    recorded: tuple[Path, list[dict[str, str]], list[TrackResult]],
-) -> None:
+def test_the_columns_carry_the_first_contacts_to_those_of_each_row(recorded: Recorded) -> None:
     _, table, _ = recorded
     start = np.array([[float(table[0][f"x{k}"]), float(table[0][f"y{k}"]), 1.0] for k in (1, 2)])
     for row in table:

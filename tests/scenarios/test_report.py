@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pages that a browser takes as they are: well-formed, self-contained, nothing undefined, nothing that is no number."""
 
-from __future__ import annotations
-
 import base64
 import math
 import re
@@ -186,11 +184,8 @@ def test_the_page_of_videos(tmp_path: Path) -> None:
     page = good(write_report(real(tmp_path / "r"), picture=picture))
     assert "2 real videos" in page.text and "By video" in page.text and "By part" not in page.text
     assert "homographies" in page.text
-
-
-@pytest.mark.parametrize("videos", [("film",), ("a", "b", "c")])
-def test_any_number_of_videos_makes_a_page(tmp_path: Path, videos: tuple[str, ...]) -> None:
-    good(write_report(real(tmp_path / "r", videos)))
+    for videos in (("film",), ("a", "b", "c")):
+        good(write_report(real(tmp_path / videos[0], videos)))
 
 
 def test_the_page_of_a_comparison(folder: Path, tmp_path: Path) -> None:

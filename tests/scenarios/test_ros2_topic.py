@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A topic of ROS 2 by zenoh alone: a publisher on loopback with rmw_zenoh's keys, and topics that are absent."""
 
-from __future__ import annotations
-
 import itertools
 import socket
 import threading

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The servo's node on the kinematic bench, against a stub of rclpy, its messages through CDR. No ROS runs here."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math
@@ -13,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import grasptrack as gt
 from grasptrack.servo.camera import pose_of, rotation_matrix
@@ -27,27 +26,6 @@ def world(monkeypatch: pytest.MonkeyPatch) -> World:
     made = World()
     made.install(monkeypatch)
     return made
-
-
-def quaternion(turn: np.ndarray) -> list[float]:
-    """x, y, z, w of a rotation (3, 3)."""
-    values, vectors = np.linalg.eigh(
-        np.array(
-            [
-                [
-                    turn[0, 0] - turn[1, 1] - turn[2, 2],
-                    turn[0, 1] + turn[1, 0],
-                    turn[0, 2] + turn[2, 0],
-                    turn[2, 1] - turn[1, 2],
-                ],
-                [0.0, turn[1, 1] - turn[0, 0] - turn[2, 2], turn[1, 2] + turn[2, 1], turn[0, 2] - turn[2, 0]],
-                [0.0, 0.0, turn[2, 2] - turn[0, 0] - turn[1, 1], turn[1, 0] - turn[0, 1]],
-                [0.0, 0.0, 0.0, np.trace(turn)],
-            ]
-        ),
-        UPLO="U",
-    )
-    return vectors[:, values.argmax()].tolist()
 
 
 @dataclass
@@ -66,6 +44,8 @@ class Cell:
     """Transforms come once in a period, and a period late: after the image of their time."""
 
     _transform: tuple[Any, int] | None = None
+    enabled: Any = None
+    """The answer of the service."""
 
     def start(self, goal: Path) -> None:
         self.bench.goal().save(goal)
@@ -104,7 +84,7 @@ class Cell:
 
     def _tell_transform(self) -> None:
         x, y, z = self.bench.hand[:3, 3].tolist()
-        turn = dict(zip("xyzw", quaternion(self.bench.hand[:3, :3]), strict=True))
+        turn = dict(zip("xyzw", Rotation.from_matrix(self.bench.hand[:3, :3]).as_quat().tolist(), strict=True))
         make, told = self.world.make, self._transform
         self._transform = (
             make(
@@ -137,6 +117,15 @@ def cell(world: World, tmp_path: Path) -> Cell:
     return made
 
 
+def enabled(world: World, tmp_path: Path, *, tf_late: bool = False, **parameters: Any) -> Cell:
+    """A cell whose images have no latency, with parameters of its node."""
+    world.parameters.update(parameters)
+    cell = Cell(world, Bench(seed=1), tf_late=tf_late)
+    cell.start(tmp_path / "goal.json")
+    cell.enabled = cell.node.call("~/enable", data=True)
+    return cell
+
+
 def test_an_approach_ends_at_the_grasp_with_zero_twists_and_then_silence(cell: Cell) -> None:
     cell.run(10)
     assert not cell.sent, "nothing moves before it is enabled"
@@ -159,10 +148,7 @@ def test_an_approach_ends_at_the_grasp_with_zero_twists_and_then_silence(cell: C
 
 @pytest.mark.slow
 def test_a_gripper_is_closed_by_its_action(world: World, tmp_path: Path) -> None:
-    world.parameters.update(gripper="/gripper", gripper_effort=30.0)
-    cell = Cell(world, Bench(seed=1))
-    cell.start(tmp_path / "goal.json")
-    cell.node.call("~/enable", data=True)
+    cell = enabled(world, tmp_path, gripper="/gripper", gripper_effort=30.0)
     cell.run(400)
     (goal,) = world.goals
     assert goal.command.max_effort == 30.0 and cell.servo.state == "done"
@@ -170,11 +156,9 @@ def test_a_gripper_is_closed_by_its_action(world: World, tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_a_gripper_opens_and_the_hand_tries_again(world: World, tmp_path: Path) -> None:
-    world.parameters.update(gripper="/gripper", gripper_open_position=0.07, gripper_reports_opening=True, retries=1)
     world.gripper.position = -1e-4  # closed, nothing between the fingers
-    cell = Cell(world, Bench(seed=1))
-    cell.start(tmp_path / "goal.json")
-    cell.node.call("~/enable", data=True)
+    told: dict[str, Any] = {"gripper_open_position": 0.07, "gripper_reports_opening": True, "retries": 1}
+    cell = enabled(world, tmp_path, gripper="/gripper", **told)
     cell.run(400, until="retreating")
     assert cell.servo.state == "retreating" and "nothing is in it" in cell.servo.reason
     world.gripper.position = float(np.linalg.norm(np.diff(cell.bench.shape, axis=0)))
@@ -186,16 +170,13 @@ def test_a_gripper_opens_and_the_hand_tries_again(world: World, tmp_path: Path) 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("what", ["away", "refuses"])
 def test_without_a_gripper_nothing_moves(world: World, tmp_path: Path, what: str) -> None:
-    world.parameters.update(gripper="/gripper")
     setattr(world.gripper, {"away": "ready", "refuses": "accepted"}[what], False)
-    cell = Cell(world, Bench(seed=1))
-    cell.start(tmp_path / "goal.json")
-    enabled = cell.node.call("~/enable", data=True)
+    cell = enabled(world, tmp_path, gripper="/gripper")
     cell.run(400, until="failed")
     if what == "away":
-        assert not enabled.success and "/gripper" in enabled.message and not cell.sent
+        assert not cell.enabled.success and "/gripper" in cell.enabled.message and not cell.sent
     else:
-        assert enabled.success and cell.servo.reason == "the gripper refused to close" and not cell.last.any()
+        assert cell.enabled.success and cell.servo.reason == "the gripper refused to close" and not cell.last.any()
 
 
 WAYS = ["disabled", "touched", "deactivated", "reset", "shut down", "cleaned up", "an error", "a failed transition"]
@@ -337,9 +318,7 @@ def test_a_camera_that_hangs_stops_the_hand(cell: Cell) -> None:
 
 def test_a_result_waits_for_the_pose_of_its_image(world: World, tmp_path: Path) -> None:
     """25 transforms a second, each 40 ms late, and images without latency: the hand's way is known only after the image."""
-    cell = Cell(world, Bench(seed=1), tf_late=True)
-    cell.start(tmp_path / "goal.json")
-    cell.node.call("~/enable", data=True)
+    cell = enabled(world, tmp_path, tf_late=True)
     cell.run(400, until="closing")
     assert cell.servo.state == "closing", cell.servo.reason
     across, along, turn = cell.bench.off()
@@ -411,9 +390,7 @@ def test_a_grasp_in_metres_is_a_pose_and_markers(cell: Cell) -> None:
 
 
 def test_whole_numbers_serve_as_numbers(world: World, tmp_path: Path) -> None:
-    world.parameters.update(time_limit=30, opening=0, fingertips=[], gripper_effort=5)
-    cell = Cell(world, Bench(seed=1))
-    cell.start(tmp_path / "goal.json")
+    cell = enabled(world, tmp_path, time_limit=30, opening=0, fingertips=[], gripper_effort=5)
     assert cell.node._steering._asked.time_limit == 30.0
 
 
@@ -435,13 +412,9 @@ def test_whole_numbers_serve_as_numbers(world: World, tmp_path: Path) -> None:
     ],
 )
 def test_parameters_that_cannot_be_are_told(world: World, parameters: dict[str, Any], told: str) -> None:
-    world.parameters.update(parameters)
     from grasptrack_ros.servo_node import ServoNode
 
-    node = ServoNode()
-    assert node.change("configure") is Reply.FAILURE and not node.open_things
-    ((level, text),) = node.get_logger().lines
-    assert level == "error" and told in text and "\n" not in text
+    assert told in world.refused_by(ServoNode, parameters)
 
 
 def test_poses_are_read_as_tf_tells_them(world: World) -> None:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tracker's node against a stub of rclpy, with messages that went through CDR. No ROS runs here."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 from typing import Any
@@ -191,17 +189,11 @@ def test_a_calibration_is_waited_for_and_used(world: World, images: list[np.ndar
     assert not node.publishers["~/grasp"].sent
     assert "camera_info" in node.publishers["/diagnostics"].sent[-1].status[0].message
     k = [600.0, 0.0, 319.5, 0.0, 600.0, 239.5, 0.0, 0.0, 1.0]
-    info = world.make(
-        "sensor_msgs/CameraInfo",
-        width=640,
-        height=480,
-        distortion_model="plumb_bob",
-        d=[-0.2, 0.05, 0.0, 0.0, 0.0],
-        k=k,
-    )
+    d = [-0.2, 0.05, 0.0, 0.0, 0.0]
+    info = world.make("sensor_msgs/CameraInfo", width=640, height=480, distortion_model="plumb_bob", d=d, k=k)
     node.receive("camera_info", info)
     node.receive("image", raw(world, 1, images[0]))
-    camera = gt.Camera(np.reshape(k, (3, 3)), [-0.2, 0.05, 0.0, 0.0, 0.0], "brown", (640, 480))
+    camera = gt.Camera(np.reshape(k, (3, 3)), d, "brown", (640, 480))
     expected = gt.GraspTracker(fingers=2, camera=camera, length=100.0).update(images[0])
     message = node.publishers["~/grasp"].sent[-1]
     np.testing.assert_array_equal([(c.x, c.y) for c in message.contacts], expected.contacts)
@@ -255,13 +247,9 @@ def test_states_of_the_node(world: World, images: list[np.ndarray]) -> None:
     ],
 )
 def test_parameters_that_cannot_be_are_told(world: World, parameters: dict[str, Any], told: str) -> None:
-    world.parameters.update(parameters)
     from grasptrack_ros.tracker_node import TrackerNode
 
-    node = TrackerNode()
-    assert node.change("configure") is Reply.FAILURE and not node.open_things
-    ((level, text),) = node.get_logger().lines
-    assert level == "error" and told in text and "\n" not in text
+    assert told in world.refused_by(TrackerNode, parameters)
 
 
 def test_whole_numbers_serve_as_numbers_and_an_error_ends_no_program(

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What goes wrong around a servo: cameras that hang, answers given twice, clocks that jump, arms that stand, empty hands."""
 
-from __future__ import annotations
-
+import copy
 import runpy
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,6 +14,7 @@ import pytest
 
 import grasptrack as gt
 from servo_bench import PERIOD, Bench
+from setup_errors import try_right, try_wrong
 
 LOST = gt.TrackResult(0, None, "lost", "the camera is dead")
 
@@ -257,6 +257,9 @@ def test_what_the_gripper_reports_tells_whether_it_holds_the_part() -> None:
     servo = gt.GraspServo(bench.goal())
     until(bench, servo, lambda c: c.close)
     width = float(np.linalg.norm(bench.shape[1] - bench.shape[0]))
+    other = copy.deepcopy(servo)
+    other.closed(False)
+    assert other.over and other.update(LOST, time=bench.time + 1.0, pose=bench.hand).state == other.state == "failed"
     with pytest.raises(gt.InputError, match="needs to be told"):
         servo.closed()
     with pytest.raises(gt.InputError, match="0 or more"):
@@ -279,3 +282,14 @@ def test_a_hand_goes_back_the_way_it_came() -> None:
     while step(bench, servo).state == "retreating":
         assert min(np.linalg.norm(np.array(came) - bench.hand[:3, 3], axis=1)) < 0.006
     assert np.linalg.norm(bench.hand[:3, 3] - came[-1]) > 0.9 * servo.standoff
+
+
+@pytest.mark.parametrize("kind", ["twist in the base's frame", "dof=4 on a tilted part"])
+def test_an_error_of_the_set_up_is_named_soon(kind: str) -> None:
+    found = try_wrong(kind, 0)
+    assert found.names(kind), found
+
+
+def test_a_set_up_that_is_right_is_not_refused() -> None:
+    found = try_right(0)
+    assert not found.refused and found.near, found

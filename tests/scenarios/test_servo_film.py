@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The film of an approach: it changes nothing, shows what the tracker sees, in colour, and a lift that can be seen."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from importlib.util import find_spec

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The loop closed on the kinematic bench: it converges from everywhere, closes on nothing unbelieved, and gives up in time."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 from dataclasses import replace
@@ -43,7 +41,7 @@ def within(bench: Bench, along_m: float = 4e-3) -> bool:
 # --- convergence ------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "what",
     [
@@ -177,7 +175,7 @@ def test_what_cannot_be_compared_does_no_harm() -> None:
 # --- limits -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("what", [{"belt": 320.0, "outliers": 0.4}, {"dof": 6}, {"blackout": (1.0, 99.0)}])
 def test_limits_hold_throughout(what: dict[str, object]) -> None:
     bench = Bench(seed=2, **what)  # type: ignore[arg-type]
@@ -332,18 +330,6 @@ def test_without_a_first_grasp_it_waits_and_gives_up() -> None:
         assert command.state == ("searching" if i * PERIOD <= 1.0 else "failed")
 
 
-def test_what_came_of_closing_ends_it() -> None:
-    for held, state in ((True, "done"), (False, "failed")):
-        bench = Bench(seed=1)
-        servo = servo_for(bench)
-        while not (command := servo.update(bench.result(), time=bench.time, pose=bench.hand)).close:
-            bench.move(command.twist)
-        servo.closed(held)
-        assert servo.state == state and servo.over
-        command = servo.update(bench.result(), time=bench.time + 1.0, pose=bench.hand)
-        assert command.state == state and not command.close
-
-
 def test_a_camera_that_does_not_move_with_the_hand_is_told() -> None:
     bench = Bench(seed=3)
     servo = servo_for(bench)
@@ -355,16 +341,6 @@ def test_a_camera_that_does_not_move_with_the_hand_is_told() -> None:
         if servo.over:
             break
     assert servo.state == "failed" and "do not show" in servo.reason
-
-
-def test_another_number_of_contacts_ends_it() -> None:
-    bench = Bench(seed=0)
-    servo = servo_for(bench)
-    for _ in range(12):
-        bench.move(servo.update(bench.result(), time=bench.time, pose=bench.hand).twist)
-    other = replace(Bench(seed=0, fingers=3).result(), frame=99, time=9.0)
-    command = servo.update(other, time=bench.time, pose=bench.hand)
-    assert command.state == "failed" and command.reason == "the goal has 2 points and the grasp 3 contacts"
 
 
 def test_a_hand_that_touches_before_it_closes_has_failed() -> None:

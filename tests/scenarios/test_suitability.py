@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well an object can be tracked, told from one image: laws of the verdict, and the tracker's own choice."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the tracker promises: statuses with reasons, contacts in their order, errors for bad input, the same answer twice."""
 
-from __future__ import annotations
-
 import math
 
 import cv2
@@ -229,21 +227,6 @@ def test_every_kind_of_image_gives_the_answer_of_its_grey_one() -> None:
         for a, b in zip(grey, track(images), strict=True):
             assert a.status == b.status, name
             assert np.array_equal(a.contacts, b.contacts), name  # type: ignore[arg-type]
-
-
-def test_the_image_is_not_changed() -> None:
-    image = IMAGES[0].copy()
-    track([image, image])
-    assert np.array_equal(image, IMAGES[0])
-
-
-def test_times_are_passed_through() -> None:
-    tracker = GraspTracker()
-    assert [tracker.update(i, time=t).time for i, t in zip(IMAGES, (None, 0.5, 0.75), strict=False)] == [
-        None,
-        0.5,
-        0.75,
-    ]
 
 
 def test_masks_take_the_images_place() -> None:

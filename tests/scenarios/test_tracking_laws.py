@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What users rely on when they follow a part: what its surface, its ground and its outline tell, and nothing beyond it."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

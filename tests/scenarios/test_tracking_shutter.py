@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A rolling shutter: what is learned of it, and that contacts are where their own rows show them."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 
@@ -28,9 +26,6 @@ READOUTS = st.floats(-1.0, 1.0)
 
 def shutter() -> Shutter:
     return Shutter(np.eye(3), HEIGHT, NUMBERS)
-
-
-# --- what is learned --------------------------------------------------------------------------------
 
 
 def test_before_any_image_there_is_none() -> None:
@@ -82,9 +77,6 @@ def test_what_tells_nothing_teaches_nothing(variance: float) -> None:
     assert made.readout == shutter().readout
 
 
-# --- the bend ---------------------------------------------------------------------------------------
-
-
 @cache
 def plate() -> Target:
     return target()
@@ -130,9 +122,6 @@ def test_what_rests_does_not_bend_and_what_was_lost_moves_nobody_knows_how() -> 
     np.testing.assert_allclose(rolling.bend_about(made, made.A, 1.0), 0.0, atol=1e-12)
     rolling.forget_motion()
     assert not rolling.bend_about(made, made.handle.moved(made.A, np.ones(8)), 1.0).any()
-
-
-# --- in images --------------------------------------------------------------------------------------
 
 
 @cache

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of the tracker: what must not matter does not, what is refused has a code, what is given fits together."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 
@@ -41,9 +39,6 @@ def track(
 def contacts(results: Sequence[TrackResult]) -> np.ndarray:
     assert all(r.contacts is not None for r in results), [r.reason for r in results]
     return np.array([r.contacts for r in results])
-
-
-# --- what must not matter ------------------------------------------------------------------------
 
 
 @pytest.mark.sampled(1)
@@ -86,9 +81,6 @@ def test_what_lies_under_an_ignored_pixel_does_not_matter() -> None:
     assert np.abs(found[0] - found[1]).max() < 0.1
     truth = [apply_homography(H @ np.linalg.inv(POSES[0]), found[0][0]) for H in POSES]
     assert np.abs(found[0] - np.array(truth)).max() < 1.0
-
-
-# --- refusals ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("strategy", ALL)
@@ -159,9 +151,6 @@ def test_every_code_has_a_sentence() -> None:
     assert all(text.format(0.5) for text in FIGURES.values())
 
 
-# --- what is seen --------------------------------------------------------------------------------
-
-
 def test_a_hidden_contact_is_located_and_not_called_seen() -> None:
     start, *_ = contacts(track(IMAGES[:1], grasp=GIVEN))
     x, y = start[1]
@@ -193,9 +182,6 @@ def test_all_that_is_given_fits_together() -> None:
             assert np.allclose(J @ r.homography_covariance[:8, :8] @ J.T, covariance, rtol=0.02)
         assert abs(r.analysis.margin - first.analysis.margin) < 2.0 * r.margin_sd  # type: ignore[union-attr]
         assert r.rectification is not None and 0.0 <= r.tilt < 3.0 * r.tilt_sd
-
-
-# --- strategies by themselves --------------------------------------------------------------------
 
 
 @pytest.mark.sampled(1)
@@ -238,9 +224,6 @@ def test_a_bar_across_leaves_strategies_nothing_wrong() -> None:
                 assert np.hypot(*(r.contacts - start).T).max() < 3.0
                 found += 1
         assert found >= 4
-
-
-# --- the first view ------------------------------------------------------------------------------
 
 
 def test_of_nearly_as_good_grasps_the_one_is_taken_that_most_strategies_can_carry() -> None:

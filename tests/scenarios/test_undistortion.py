@@ -1,11 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A tracker that knows the lens: px of the images as they are go in and come out, and straight lines are seen straight."""
 
-from __future__ import annotations
-
-import csv
 import json
-from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
@@ -27,6 +23,7 @@ from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.undistortion import MOST, Undistortion
 from grasptrack_bench.method import chosen_grasp
 from grasptrack_bench.simulation import DISTURBANCES, SHAPES, SceneFrame
+from recordings import rows
 
 BARREL = Camera([[704, 0, 319.5], [0, 704, 239.5], [0, 0, 1]], (-0.2, 0.03, 0.001, -0.001), size=(640, 480))
 
@@ -118,15 +115,32 @@ def test_the_outline_lies_on_the_edge_that_is_seen() -> None:
     assert np.median(far) < 1.0
 
 
+def seen_by_barrel(*plates: list[list[int]]) -> np.ndarray:
+    """Dark plates, given in ideal px, on a light table that reaches beyond the image, as the barrel shows them."""
+    ideal = np.full((560, 760), 200, np.uint8)
+    for plate in plates:
+        cv2.fillPoly(ideal, [np.array(plate)], 60)
+    x, y = np.meshgrid(np.arange(640.0), np.arange(480.0))
+    back = BARREL.undistort(np.stack([x, y], axis=-1).reshape(-1, 2)).reshape(480, 640, 2).astype(np.float32)
+    return np.asarray(cv2.remap(ideal, back[..., 0], back[..., 1], cv2.INTER_LINEAR, borderValue=200))
+
+
+def contacts_of(out: Path) -> np.ndarray:
+    """(F, 4) of a run's table."""
+    return np.array([[float(row[c]) for c in ("x1", "y1", "x2", "y2")] for row in rows(out)])
+
+
+def written(file: Path, camera: Camera) -> Path:
+    """A calibration's file."""
+    content = {"K": camera.matrix.tolist(), "D": camera.distortion.tolist(), "image_size": camera.size}
+    file.write_text(json.dumps(content))
+    return file
+
+
 @lru_cache
 def two_plates() -> np.ndarray:
     """A large and a small plate near a corner, as the barrel sees them."""
-    ideal = np.full((480, 640), 200, np.uint8)
-    cv2.fillPoly(ideal, [np.array([[250, 150], [400, 160], [390, 330], [260, 320]])], 60)
-    cv2.fillPoly(ideal, [np.array([[20, 20], [110, 25], [100, 90], [30, 95]])], 60)
-    x, y = np.meshgrid(np.arange(640.0), np.arange(480.0))
-    back = BARREL.undistort(np.stack([x, y], axis=-1).reshape(-1, 2)).reshape(480, 640, 2).astype(np.float32)
-    image = cv2.remap(ideal, back[..., 0], back[..., 1], cv2.INTER_LINEAR, borderValue=200)
+    image = seen_by_barrel([[250, 150], [400, 160], [390, 330], [260, 320]], [[20, 20], [110, 25], [100, 90], [30, 95]])
     return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.8))
 
 
@@ -201,11 +215,7 @@ def test_all_that_was_seen_is_in_the_straight_image(k1: float) -> None:
 
 
 def test_what_the_border_of_the_image_seen_cuts_is_cut() -> None:
-    ideal = np.full((560, 760), 200, np.uint8)
-    cv2.fillPoly(ideal, [np.array([[500, 180], [740, 190], [730, 360], [510, 350]])], 60)
-    x, y = np.meshgrid(np.arange(640.0), np.arange(480.0))
-    back = BARREL.undistort(np.stack([x, y], axis=-1).reshape(-1, 2)).reshape(480, 640, 2).astype(np.float32)
-    image = cv2.remap(ideal, back[..., 0], back[..., 1], cv2.INTER_LINEAR, borderValue=200)
+    image = seen_by_barrel([[500, 180], [740, 190], [730, 360], [510, 350]])
     view = GraspTracker(camera=BARREL, object_at=(560.0, 250.0)).update(image).view
     assert view is not None and view.outer.clipped is not None
     assert (view.outer.points[view.outer.clipped, 0] > 630).all()  # where the object goes on outside, and only there
@@ -218,21 +228,14 @@ def test_what_the_border_of_the_image_seen_cuts_is_cut() -> None:
     )
 
 
-# --- the command line ----------------------------------------------------------------------------
-
-
 @pytest.fixture
-def scene(tmp_path: Path) -> Iterator[tuple[Path, Path, list[SceneFrame]]]:
+def scene(tmp_path: Path) -> tuple[Path, Path, list[SceneFrame]]:
     seen, camera = frames(3)
     folder = tmp_path / "in"
     folder.mkdir()
     for i, frame in enumerate(seen[:3]):
         cv2.imwrite(str(folder / f"{i}.png"), frame.image)
-    file = tmp_path / "camera.json"
-    file.write_text(
-        json.dumps({"K": camera.matrix.tolist(), "D": camera.distortion.tolist(), "image_size": camera.size})
-    )
-    yield folder, file, seen
+    return folder, written(tmp_path / "camera.json", camera), seen
 
 
 def test_track_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path) -> None:
@@ -242,9 +245,7 @@ def test_track_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], tm
     out = tmp_path / "out"
     given = ["track", str(folder), "--grasp", text, "--output", str(out), "--quiet", "--no-video"]
     assert main([*given, "--camera", str(file)]) == 0
-    with (out / "grasps.csv").open(newline="") as table:
-        rows = [[float(row[c]) for c in ("x1", "y1", "x2", "y2")] for row in csv.DictReader(table)]
-    found = np.array(rows).reshape(-1, 2, 2)
+    found = contacts_of(out).reshape(-1, 2, 2)
     assert np.abs(found[2] - seen[2].carry(found[0])).max() < 0.1
     assert json.loads((out / "run.json").read_text())["options"]["camera"] == str(file)
 
@@ -263,9 +264,8 @@ def test_a_calibration_of_larger_images_is_scaled_and_the_user_told(
         assert main(["track", str(folder), "--camera", str(name), "--output", str(out), "--no-video"]) == 0
         told = "the calibration, of 1280x960 px, was scaled to the images' 640x480" in capsys.readouterr().out
         assert told is (name != file)
-        with (out / "grasps.csv").open(newline="") as table:
-            found.append([[row[c] for c in ("x1", "y1", "x2", "y2")] for row in csv.DictReader(table)])
-    assert np.allclose(np.array(found[0], dtype=float), np.array(found[1], dtype=float), atol=2e-3)
+        found.append(contacts_of(out))
+    assert np.allclose(*found, atol=2e-3)
 
 
 def test_synthesize_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path) -> None:
@@ -291,10 +291,7 @@ def test_transfer_with_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixtu
         at = apply_homography(np.linalg.inv(H), ideal).astype(np.float32).reshape(480, 640, 2)
         image = cv2.remap(clean.image, at, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
         cv2.imwrite(str(tmp_path / f"{name}.png"), image)
-    file = tmp_path / "camera.json"
-    file.write_text(
-        json.dumps({"K": camera.matrix.tolist(), "D": camera.distortion.tolist(), "image_size": [640, 480]})
-    )
+    file = written(tmp_path / "camera.json", camera)
 
     def truth(points: np.ndarray) -> np.ndarray:
         return camera.distort(apply_homography(turned, camera.undistort(points)))

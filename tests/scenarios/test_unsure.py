@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where it is not sure which object is meant: it is said, it is shown, and no hand moves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import grasptrack as gt
+from grasptrack import GraspTracker, synthesize
 from grasptrack.cli.main import main
-from grasptrack.errors import InputError
+from grasptrack.errors import GraspError, InputError
+from grasptrack.geometry.contours import View
+from grasptrack.grasp.contacts import Grasp
 from grasptrack.trackability import inspect
+from grasptrack_bench.simulation import SHAPES, Scene, similarity_path
 from scenery import L_PLATE, drawn
 from servo_bench import Bench
 
@@ -26,9 +28,6 @@ ALONE = drawn(L_PLATE, centres=((320.0, 240.0),), size=(480, 640))
 
 def first_result(image: np.ndarray = TWO, **asked: Any) -> gt.TrackResult:
     return gt.GraspTracker(**asked).update(image)
-
-
-# --- the tracker --------------------------------------------------------------------------------
 
 
 def test_two_equal_objects_are_not_sure_and_one_alone_is() -> None:
@@ -69,9 +68,6 @@ def test_no_probability_is_told(sure: float) -> None:
     for refused in (lambda: gt.GraspTracker(sure=sure), lambda: gt.first_look(TWO, sure=sure)):
         with pytest.raises(InputError, match="0 or more and below 1"):
             refused()
-
-
-# --- the servo ----------------------------------------------------------------------------------
 
 
 @given(st.integers(0, 20), st.integers(1, 60))
@@ -126,9 +122,6 @@ def test_a_rendered_hand_stands_still_and_says_why(tmp_path: Path) -> None:
     assert main(["servo", "--sure", "1.2", "--output", str(tmp_path)]) == 2
 
 
-# --- verbs --------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("verb", "more"), [("inspect", ["--runs", "1"]), ("synthesize", []), ("track", ["--no-video"])]
@@ -161,3 +154,46 @@ def test_candidates_of_an_inspection_are_those_of_the_first_look() -> None:
     other = inspect(TWO, number=2, runs=1)
     places = [f.view.outer.points[:, 0].mean() > 320 for f in (found, other)]
     assert places[0] != places[1]
+
+
+FRAMES = Scene(SHAPES["bracket"](), similarity_path(4, seed=5), seed=5)
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("rank", [0, 3])
+def test_the_grasp_that_was_chosen_is_followed(rank: int) -> None:
+    seen: list[View] = []
+
+    def choose(view: View) -> list[Grasp]:
+        seen.append(view)
+        return [synthesize(view, 2)[rank]]
+
+    tracker, first = GraspTracker(choose=choose), None
+    for frame in FRAMES:
+        result = tracker.update(frame.image)
+        assert result.contacts is not None, result.reason
+        first = result.contacts if first is None else first
+        assert np.hypot(*(result.contacts - frame.carry(first)).T).max() < 0.3
+    assert len(seen) == 1 and first is not None
+    np.testing.assert_allclose(first, synthesize(seen[0], 2)[rank].contacts, atol=0.5)
+
+
+def test_a_choice_of_none_says_so_and_is_asked_again() -> None:
+    asked = 0
+
+    def choose(view: View) -> list[Grasp]:
+        nonlocal asked
+        asked += 1
+        return [] if asked == 1 else [synthesize(view, 2)[0]]
+
+    tracker = GraspTracker(choose=choose)
+    result = tracker.update(FRAMES[0].image)
+    assert result.status == "searching" and "made none" in result.reason and result.view is not None
+    assert tracker.update(FRAMES[1].image).status == "tracked"
+
+
+def test_what_cannot_be_meant_is_refused() -> None:
+    with pytest.raises(GraspError, match="3 contacts"):
+        GraspTracker(fingers=3, choose=lambda view: [synthesize(view, 2)[0]]).update(FRAMES[0].image)
+    with pytest.raises(InputError, match="give one of them"):
+        GraspTracker(grasp=[[1.0, 2.0], [30.0, 40.0]], choose=lambda view: [])

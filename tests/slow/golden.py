@@ -6,8 +6,6 @@ as noise the standard deviation over redrawn scenes. A score is stored anew only
 the suite changes; a commit that stores worse ones says why.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math
@@ -33,27 +31,18 @@ WRONG = "false_accepts"
 BETTER = {"located_whole": 1, "located_partly": 1, "false_accepts": -1, "median_px": -1, "p95_px": -1}
 """Fields of `Measures` that are held, and the direction in which each gets better."""
 LEAST_NOISE = {
-    "located_whole": 0.002,
-    "located_partly": 0.005,
-    "false_accepts": 0.0,
-    "median_px": 0.003,
-    "p95_px": 0.02,
-}
+    "located_whole": 0.002, "located_partly": 0.005, "false_accepts": 0.0, "median_px": 0.003, "p95_px": 0.02,
+}  # fmt: skip
 """Below these, versions of OpenCV and processors differ."""
 
 Scores = dict[str, dict[str, float]]
 
 
 class Found(NamedTuple):
-    """What the suite gives.
+    """What the suite gives."""
 
-    Attributes:
-        scores: by method and measure.
-        wrong: (method, name of a case) in which something wrong was given as right.
-    """
-
-    scores: Scores
-    wrong: set[tuple[str, str]]
+    scores: Scores  # by method and measure
+    wrong: set[tuple[str, str]]  # (method, name of a case) in which something wrong was given as right
 
 
 def suite(seed: int) -> list[SceneCase]:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Over many approaches the true distance, and the true tilt, lie within what is told as often as they should."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Odd messages and requests to the live page: a line for each, no file but the run's, and it still tracks afterwards."""
-
-from __future__ import annotations
+"""The live page is sent odd messages and requests, and played at full speed: a line for each, and nothing stays open."""
 
 import sys
+from collections import Counter
 from itertools import islice
 from pathlib import Path
 
@@ -17,6 +16,7 @@ pytest.importorskip("websockets")
 import live_messages
 from grasptrack.live import commands as told
 from grasptrack.live.state import Shown
+from long_live import RECORDED_AS, ROUNDS, Held, LongLive, run
 from watched import reached, until
 
 
@@ -58,3 +58,26 @@ def test_answers_that_are_wrong_are_told() -> None:
     assert live_messages.why_wrong(b"HTTP/1.1 500 Internal Server Error\r\n")
     assert live_messages.why_wrong(b"HTTP/1.1 200 OK\r\n\r\n" + live_messages.SECRET.encode())
     assert not live_messages.why_wrong(b"HTTP/1.1 404 Not Found\r\n")
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="open files are looked up in /proc")
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("suffix", RECORDED_AS)
+def test_nothing_is_left_open(suffix: str) -> None:
+    if suffix == ".mcap":
+        pytest.importorskip("foxglove", reason="the extra foxglove is not installed")
+    found = run(1.0, 5, suffix)  # ROUNDS of them, however long they take
+    assert found.findings == [] and len(found.held) == found.counts["rounds"] >= ROUNDS
+    assert found.counts["recordings"] and found.counts["clients"] and found.counts["images"] > 5 * ROUNDS, found.counts
+
+
+@pytest.mark.parametrize("name", ["files", "threads"])
+def test_what_grows_with_every_round_is_found(name: str) -> None:
+    flat = [Held(100.0, 10, 8)] * 12
+    assert LongLive(Counter(), flat, (0, 0)).findings == []
+    once = flat[:3] + [held._replace(**{name: 20}) for held in flat[3:]]
+    assert LongLive(Counter(), once, (0, 0)).findings == []
+    growing = [held._replace(**{name: 10 + k}) for k, held in enumerate(flat)]
+    (line,) = LongLive(Counter(), growing, (0, 0)).findings
+    assert line == f"{name} grow: 15 at most, then 19 at least"
+    assert LongLive(Counter(), flat, (1, 0)).findings == ["1 files are left over"]

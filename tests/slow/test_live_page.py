@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live page in a real browser, with real clicks, drags and keys."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

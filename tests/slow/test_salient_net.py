@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The small net on photos: a package of another project ships its file, and nothing of that package is run."""
 
-from __future__ import annotations
-
 import csv
 import subprocess
 import sys

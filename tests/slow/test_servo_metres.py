@@ -8,8 +8,6 @@ median error in mm or 1/1000 rad (of the camera: of all together), then how ofte
 `images` or `alarm` behind, it does that alone.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import defaultdict
 from dataclasses import replace

@@ -4,8 +4,6 @@
 `python tests/helpers/setup_errors.py` prints what was said, and of 200.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from setup_errors import MISSED, WORDS, Outcome, try_right, try_wrong

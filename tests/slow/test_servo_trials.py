@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack servo` as a whole: one approach with all its files, and the risk that it takes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

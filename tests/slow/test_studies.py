@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every study runs to its end in its smallest setting; in the file of results sections are replaced where they stand."""
+"""Every study and notebook runs to its end in its smallest setting, and an evaluation on a cluster that loses a worker."""
 
-from __future__ import annotations
-
+import os
+import signal
+import subprocess
 import sys
+import time
 from importlib import import_module
 from pathlib import Path
 
@@ -17,6 +19,7 @@ from grasptrack.cli.main import main
 from grasptrack_bench.simulation import SHAPES, Scene, similarity_path
 from research import studies
 from research.studies import common
+from test_cli_evaluate import scored
 
 TITLES = st.lists(st.text("abc xyz", min_size=1).map(str.strip).filter(bool), unique=True, min_size=1, max_size=5)
 TEXTS = st.text("ab|\n- 12", min_size=1).map(str.strip).filter(bool)
@@ -113,3 +116,44 @@ def test_a_run_is_written_with_its_command_and_its_tables(tmp_path: Path, monkey
     text = (tmp_path / "R.md").read_text(encoding="utf-8")
     assert "## Title\n\n`python -m research.studies.x --calls 3`\n\n" in text
     assert text.endswith("A sentence.\n\n| call | us |\n| --- | ---: |\n| a | 1,234 |\n| b |  |\n")
+
+
+NOTEBOOKS = sorted((Path(__file__).resolve().parents[2] / "examples" / "notebooks").glob("*.ipynb"))
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_run(notebook: Path) -> None:
+    nbclient = pytest.importorskip("nbclient")
+    nbformat = pytest.importorskip("nbformat")
+    pytest.importorskip("ipykernel")
+    content = nbformat.read(notebook, as_version=4)
+    assert not any(cell.get("outputs") for cell in content.cells)
+    client = nbclient.NotebookClient(content, timeout=120, resources={"metadata": {"path": notebook.parent}})
+    done = client.execute()
+    shown = [out.get("data", {}) for cell in done.cells for out in cell.get("outputs", [])]
+    assert sum("image/png" in data for data in shown) >= 1
+
+
+def test_there_are_four() -> None:
+    assert len(NOTEBOOKS) == 4
+
+
+def test_a_cluster_that_loses_a_worker_gives_the_same_to_the_last_digit(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    given = ["evaluate", "scenes", "--shapes", "bracket", "--disturbances", "noise,belt,bar,clip", "--frames", "6"]
+    given += ["--methods", "homography,klt", "--output"]
+    assert main([*given, str(tmp_path / "here"), "--quiet"]) == 0
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        given[-1:] = ["--scheduler", cluster.scheduler_address, "--output", str(tmp_path / "there")]
+        command = [sys.executable, "-m", "grasptrack.cli.main", *given, "--quiet"]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        cases = tmp_path / "there" / "cases"
+        while not (cases.is_dir() and any(cases.glob("*.csv"))) and process.poll() is None:
+            time.sleep(0.02)
+        os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+        _, told = process.communicate(timeout=120)
+    assert process.returncode == 0, told
+    assert told == ""
+    assert scored(tmp_path / "here") == scored(tmp_path / "there")

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What kernels refuse: sizes, indices and coordinates that come from data, each checked in one line."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from grasptrack.typing import Floats, Ints

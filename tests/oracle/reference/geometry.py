@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contours as curves of their arc length, their moments, places on them, and where lines cross them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -13,16 +11,9 @@ from grasptrack.typing import Floats
 from reference.checks import check_contour, check_outline, check_within
 
 __all__ = [
-    "arc_length",
-    "blend_normals",
-    "carry_places",
-    "curvature_vector",
-    "fixed_places",
-    "point_at",
-    "polygon_moments",
-    "project_to_contour",
-    "resample",
-]
+    "arc_length", "blend_normals", "carry_places", "curvature_vector", "fixed_places", "point_at", "polygon_moments",
+    "project_to_contour", "resample",
+]  # fmt: skip
 
 
 # --- One closed contour as a curve of its arc length: length, means along it, curvature, vertex normals -----

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contacts: their normals, the friction that closing takes, and pairs and triples that close ([10], [12], [14])."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

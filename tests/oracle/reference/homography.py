@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Homographies of four points, and what they do to points and normals."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -13,8 +11,6 @@ from grasptrack.typing import Floats
 
 __all__ = ["carry_normals", "carry_points", "distortion", "fit_homography"]
 
-
-# --- The homography of four points (eq. (1)) -----
 
 # Twice the area of a triangle of points whose rms distance from their mean is 1: below this, three are in a row.
 IN_A_ROW = 1e-10
@@ -123,9 +119,6 @@ def fit_homography(points1: Floats, indices1: list[int], points2: Floats, places
             raise ValueError("four points of each contour are needed")
     H = homography_4(points1[indices1], np.array([cubic_point(points2, place) for place in places2]))
     return FittedHomography(H, *distortion(H, points1[indices1]))
-
-
-# --- Normals under a homography -----
 
 
 def carry_normals(H: Floats, points: Floats, normals: Floats) -> Floats:

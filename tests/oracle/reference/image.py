@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Edges of an image along a curve, outlines traced on them, gaps in edges closed, and thresholds."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One outline laid on another: every cyclic shift, and by a homography."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

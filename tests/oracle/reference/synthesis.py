@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is in a finger's way, how far contacts may slip, and the best grasps."""
 
-from __future__ import annotations
-
 import heapq
 import itertools
 import math

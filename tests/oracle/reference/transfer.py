@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steps of two transfers: by four peaks of curvature and a homography, and by a grasp line (Sections III and IV)."""
 
-from __future__ import annotations
-
 import math
 from itertools import combinations
 
@@ -24,13 +22,8 @@ from reference.checks import check_arc, check_indices, check_outline, check_size
 from reference.geometry import nearest_crossings, polygon_moments
 
 __all__ = [
-    "best_quadrilateral",
-    "carry_grasp_line",
-    "grasp_line",
-    "match_curvature",
-    "refine_contacts",
-    "select_points",
-]
+    "best_quadrilateral", "carry_grasp_line", "grasp_line", "match_curvature", "refine_contacts", "select_points",
+]  # fmt: skip
 
 
 # --- Peaks of curvature, and the four of them that fix a homography best (Section IV-C) -----

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a pinhole lets a rigid plane do in the image, and where the lower face of a thick part shows."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -18,17 +16,11 @@ THICK = 5.0
 
 
 class PinholeRows(NamedTuple):
-    """How far a pose is from a view of a rigid plane.
+    """How far a pose is from a view of a rigid plane."""
 
-    Attributes:
-        valid: whether the camera shows the reference view at all, and the misfit is finite.
-        misfit: (2,) cosine of the angle of the plane's axes, and log of the ratio of their lengths: both 0 in such a view.
-        by_pose, by_camera: (2, 8) and (2, 3), derivatives by the pose's error and by theta.
-    """
-
-    valid: bool
-    misfit: Floats
-    by_pose: Floats
+    valid: bool  # whether the camera shows the reference view at all, and the misfit is finite
+    misfit: Floats  # (2,) cosine of the angle of the plane's axes, and log of the ratio of their lengths: both 0 in such a view
+    by_pose: Floats  # by_pose, by_camera: (2, 8) and (2, 3), derivatives by the pose's error and by theta
     by_camera: Floats
 
 

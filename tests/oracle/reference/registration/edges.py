@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Edges along the outline's normals: several candidates a sample, each with how much it looks like the object's own."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -37,25 +35,15 @@ class Light(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """Edges on the normals of the samples.
+    """Edges on the normals of the samples."""
 
-    Attributes:
-        reach: work px within which they were looked for.
-        density: candidates for each work px of a normal, on the average.
-        half: (n,) px on each side of an edge that were averaged.
-        inside: (n,) False where a sample lies outside the image.
-        offset: (n, MOST) work px along the outward normal; NaN of none.
-        step: (n, MOST) signed, grey levels.
-        difference: (n, MOST) mean square of the inner side's grey levels from the object's own.
-    """
-
-    reach: int
-    density: float
-    half: Ints
-    inside: Bools
-    offset: Floats
-    step: Floats
-    difference: Floats
+    reach: int  # work px within which they were looked for
+    density: float  # candidates for each work px of a normal, on the average
+    half: Ints  # (n,) px on each side of an edge that were averaged
+    inside: Bools  # (n,) False where a sample lies outside the image
+    offset: Floats  # (n, MOST) work px along the outward normal; NaN of none
+    step: Floats  # (n, MOST) signed, grey levels
+    difference: Floats  # (n, MOST) mean square of the inner side's grey levels from the object's own
 
 
 def sample_profiles(level: Level, H: Floats, points: Floats, normals: Floats, span: int) -> tuple[Floats, Bools]:
@@ -193,42 +181,28 @@ def _refine_light(light: Light, x: Floats, y: Floats, varied: bool) -> Light:
 
 
 class EdgeNumbers(NamedTuple):
-    """What is believed of edges.
+    """What is believed of edges."""
 
-    Attributes:
-        miss: probability that an edge that is there is not found.
-        same_sign: probability that its contrast keeps its sign.
-        floor: work px, error that the model does not explain.
-        inner_spread: grey levels, by which the object's own inner side differs from what it was.
-        other_spread: the same of anything else.
-        sides: probability that a thick part's sides are seen as the object, so that its outline is the lower face's.
-    """
-
-    miss: float
-    same_sign: float
-    floor: float
-    inner_spread: float
-    other_spread: float
-    sides: float
+    miss: float  # probability that an edge that is there is not found
+    same_sign: float  # probability that its contrast keeps its sign
+    floor: float  # work px, error that the model does not explain
+    inner_spread: float  # grey levels, by which the object's own inner side differs from what it was
+    other_spread: float  # the same of anything else
+    sides: (
+        float  # probability that a thick part's sides are seen as the object, so that its outline is the lower face's
+    )
 
 
 class EdgeLikelihoods(NamedTuple):
-    """What the candidates say, for each sample (n,).
+    """What the candidates say, for each sample (n,)."""
 
-    Attributes:
-        object, other: likelihood ratios against clutter, of its edge here and of an edge of the object elsewhere.
-        upper, lower: probability that the upper, or the lower face's edge was seen, if the object is here.
-        upper_offset, lower_offset: work px, where.
-        share: (n, MOST, 2) of each candidate in them.
-    """
-
-    object: Floats
+    object: Floats  # object, other: likelihood ratios against clutter, of its edge here and of an edge of the object elsewhere
     other: Floats
-    upper: Floats
+    upper: Floats  # upper, lower: probability that the upper, or the lower face's edge was seen, if the object is here
     lower: Floats
-    upper_offset: Floats
+    upper_offset: Floats  # upper_offset, lower_offset: work px, where
     lower_offset: Floats
-    share: Floats
+    share: Floats  # (n, MOST, 2) of each candidate in them
 
 
 def edge_likelihoods(

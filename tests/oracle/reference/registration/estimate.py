@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is told of a pose and its covariance."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ The unknowns x (12,) are the pose's error d (8,) and the nuisances, as they are:
 `Pinhole`. Each term is half of (r - J x)^T W (r - J x); robust terms have the weights that they have at the pose.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@
 What a pose makes least is defined in `objective`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

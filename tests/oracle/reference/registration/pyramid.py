@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Grey images and their halves looked at through a homography, and the small algebra of a pose."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,15 +16,10 @@ STEP = 1.5
 
 @dataclass(frozen=True)
 class Level:
-    """An image of a pyramid.
+    """An image of a pyramid."""
 
-    Attributes:
-        grey: (H, W) grey levels.
-        hidden: (H, W) True where a pixel shows nothing of the scene; None where every pixel does.
-    """
-
-    grey: Grey
-    hidden: Bools | None = None
+    grey: Grey  # (H, W) grey levels
+    hidden: Bools | None = None  # (H, W) True where a pixel shows nothing of the scene; None where every pixel does
 
     def holds(self, x: Floats, y: Floats, margin: float) -> Bools:
         """Whether px x, y lie in the image, `margin` px from its border, on a pixel that shows the scene."""

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What was chosen in the reference view, and the eight parameters by which a pose of it may be off."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -18,25 +16,15 @@ INNER_FIRST = -7
 
 
 class Patches(NamedTuple):
-    """Texture of one look.
+    """Texture of one look."""
 
-    Attributes:
-        stride: work px between two pixels of a patch.
-        places: (m, 2) work px, their middles.
-        value: (m, 49) grey levels less their mean.
-        gradients: (m, 2, 49) per work px, less what a gain or a bias of the light would change as well.
-        axes: (2, m, 2) unit, along which the gradients are least and largest.
-        power: (2, m) sums of their squares along these.
-        rows: (m, 2, 8) derivatives of the shift that each tells by the pose's error: by the places of all its pixels.
-    """
-
-    stride: float
-    places: Floats
-    value: Floats
-    gradients: Floats
-    axes: Floats
-    power: Floats
-    rows: Floats
+    stride: float  # work px between two pixels of a patch
+    places: Floats  # (m, 2) work px, their middles
+    value: Floats  # (m, 49) grey levels less their mean
+    gradients: Floats  # (m, 2, 49) per work px, less what a gain or a bias of the light would change as well
+    axes: Floats  # (2, m, 2) unit, along which the gradients are least and largest
+    power: Floats  # (2, m) sums of their squares along these
+    rows: Floats  # (m, 2, 8) derivatives of the shift that each tells by the pose's error: by the places of all its pixels
 
 
 def bent(bend: Floats, J: Floats) -> Floats:

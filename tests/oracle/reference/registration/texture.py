@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small patches of one look laid on another image, each saying by how much the pose is off, and how surely."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -31,21 +29,13 @@ AGREEING = 0.5
 
 
 class Matches(NamedTuple):
-    """What patches say of a pose.
+    """What patches say of a pose."""
 
-    Attributes:
-        rows: (m, 2, 8) derivatives of `shift` by the pose's error.
-        inside: (m,) whether each is whole in view; else the rest is 0.
-        correlation: (m,) with the camera's noise in the denominator.
-        shift: (m, 2) work px, by which the pose is off there.
-        weight: (m, 3) information xx, xy, yy about that, per work px^2.
-    """
-
-    rows: Floats
-    inside: Bools
-    correlation: Floats
-    shift: Floats
-    weight: Floats
+    rows: Floats  # (m, 2, 8) derivatives of `shift` by the pose's error
+    inside: Bools  # (m,) whether each is whole in view; else the rest is 0
+    correlation: Floats  # (m,) with the camera's noise in the denominator
+    shift: Floats  # (m, 2) work px, by which the pose is off there
+    weight: Floats  # (m, 3) information xx, xy, yy about that, per work px^2
 
 
 def patch_noise(camera: float, stride: float) -> float:
