@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_265,
     "research": 8_825,
     "native": 6_870,
-    "tests": 39_789,
+    "tests": 38_892,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 195
