@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# Written by tests/oracle/write_stub.py from the definitions in tests/oracle/reference: change those, then run it.
+# The definitions are in tests/oracle/reference; tests/scenarios/test_kernels_api.py holds the signatures of both together.
 """The compiled kernels: what each takes, gives and refuses.
 
 Throughout, `points` is float64 (N, 2) px, a concatenation of closed contours whose first point is not repeated, and

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Good arguments for every exported kernel, found by the names of its parameters."""
 
-import inspect
+import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+import _grasptrack_native as native
 import reference
 from grasptrack.kernels import POSE_NUMBERS
 from grasptrack.kernels.results import (
@@ -25,16 +26,15 @@ CLASS = "PoseTarget"
 
 def callable_names() -> list[str]:
     """Every exported kernel, and every method of the class that is made from arguments."""
-    names = [name for name in reference.__all__ if name == CLASS or not isinstance(getattr(reference, name), type)]
-    return sorted([*names, *(f"{CLASS}.{method}" for method in METHODS)])
+    return sorted([*reference.__all__, CLASS, *(f"{CLASS}.{method}" for method in METHODS)])
 
 
 def parameters_of(name: str) -> list[str]:
     """Names of the parameters of a kernel or method, in order."""
     head, _, method = name.partition(".")
-    found = getattr(reference, head)
-    target = getattr(found, method) if method else found
-    return [p for p in inspect.signature(target).parameters if p != "self"]
+    found = getattr(native, head)
+    target = getattr(found, method or "__init__") if isinstance(found, type) else found
+    return re.findall(r"(?:\(|, )(\w+): ", target.__nb_signature__[0][0])
 
 
 class Scene:

@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_245,
     "research": 8_815,
     "native": 6_870,
-    "tests": 39_851,
+    "tests": 39_000,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 192

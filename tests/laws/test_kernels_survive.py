@@ -31,7 +31,7 @@ def test_each_parameter_of_each_kernel_has_a_good_argument_that_is_taken() -> No
         assert all(f"{of_class}.{p}" in SPECIAL or p in USUAL for p in parameters_of(of_class))
         arguments = [scene.argument(name.partition(".")[2] or name, p) for p in parameters_of(name)]
         made = [scene.argument(CLASS, p) for p in parameters_of(CLASS)] if "." in name else []
-        for module in (native, reference):
+        for module in [native] if name.startswith(CLASS) else [native, reference]:
             assert judge_call(Call(name, arguments, made), module) == "answered", name
 
 
@@ -45,7 +45,8 @@ def test_what_was_found_stays_mended(path: Path) -> None:
             return judge_pair(case)
         return judge_call(case, (native, reference)[module])
 
-    ran = run_trials(trial, 0, 2, patience=120.0)
+    alone = isinstance(case, Call) and case.kernel.startswith(CLASS)  # the class has no definition of its own
+    ran = run_trials(trial, 0, 1 if alone else 2, patience=120.0)
     assert not ran.findings, ran.findings
 
 

@@ -80,7 +80,6 @@ ELSEWHERE = {
     "python tests/helpers/setup_errors.py": "tests/slow/test_servo_setups.py runs all of it",
     "python tests/helpers/written_pages.py": "writes files of the repository; tests/scenarios/test_docs.py compares them",
     "python tests/helpers/frozen.py": "tests/slow/test_golden.py runs it",
-    "python tests/oracle/write_stub.py": "writes a file of the repository; tests/scenarios/test_kernels_api.py compares it",
     "python3 -m venv fresh": ".ci/run makes one",
     "fresh/bin/pip install .": ".ci/run builds a wheel and installs it",
 }

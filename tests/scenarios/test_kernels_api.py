@@ -3,8 +3,10 @@
 
 import inspect
 import re
+import runpy
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -12,7 +14,9 @@ import _grasptrack_native as native
 import grasptrack as gt
 import reference
 from grasptrack import kernels
-from write_stub import NUMBERS, STUB, write_stub
+from scene import CLASS, METHODS, parameters_of
+
+STUB = Path(__file__).resolve().parents[2] / "src" / "_grasptrack_native.pyi"
 
 
 def run(code):
@@ -36,24 +40,23 @@ def test_transfer_is_a_function_whatever_was_imported_before(before):
     assert run(code + "\ntry: transfer()\nexcept TypeError as e: print(e)").startswith("True\ntransfer() missing")
 
 
-def test_compiled_kernels_take_the_arguments_of_their_definitions():
-    assert {name for name in dir(native) if not name.startswith("_")} == {*reference.__all__, *NUMBERS}
-    assert all(getattr(kernels, name) is getattr(native, name) for name in reference.__all__)
+def test_kernels_their_definitions_and_the_stub_take_and_give_the_same():
+    stub = runpy.run_path(str(STUB))
+    declared = {name for name in (*stub, *stub["__annotations__"]) if hasattr(native, name) and name[0] != "_"}
+    assert declared == {name for name in dir(native) if name[0] != "_"}
     for name in reference.__all__:
-        kernel = getattr(native, name)
-        if isinstance(kernel, type):
-            declared = getattr(reference, name)
-            wanted = {n for n in (*vars(declared), *inspect.get_annotations(declared)) if not n.startswith("_")}
-            assert wanted == {n for n in vars(kernel) if not n.startswith("_")}
-            continue
-        wanted = list(inspect.signature(getattr(reference, name)).parameters)
-        for signature, *_ in kernel.__nb_signature__:
-            assert re.findall(r"(?:\(|, )(\w+): ", signature) == wanted, signature
-
-
-def test_the_stub_is_what_the_definitions_say():
-    pytest.importorskip("ruff")
-    assert write_stub() == STUB.read_text(encoding="utf-8")
+        assert getattr(kernels, name) is getattr(native, name)
+        told = inspect.signature(stub[name])
+        assert told == inspect.signature(getattr(reference, name)), name
+        for signature, *_ in getattr(native, name).__nb_signature__:
+            assert re.findall(r"(?:\(|, )(\w+): ", signature) == list(told.parameters), signature
+    for kind in (native.PoseTarget, native.PoseEstimate, native.PoseFlow):
+        names = {*vars(stub[kind.__name__]), *inspect.get_annotations(stub[kind.__name__])}
+        assert {n for n in names if n[0] != "_"} == {n for n in vars(kind) if n[0] != "_"}
+    for method in (*METHODS, "__init__"):
+        assert ["self", *parameters_of(f"{CLASS}.{method}")] == list(
+            inspect.signature(getattr(stub[CLASS], method)).parameters
+        )
 
 
 @pytest.mark.parametrize("module", ["grasptrack", "grasptrack.cli.main"])

@@ -17,21 +17,6 @@ Point = tuple[float, float]
 
 
 def first_crossing(points: Floats) -> tuple[int, int]:
-    """Two sides of one closed contour that cross, exactly: not one rounding error decides.
-
-    A contour that touches itself, in a point or along sides that lie on each other, does not cross itself there: a chain of
-    pixels goes round thin parts so. Points in a row that are equal belong to no contour and must have been dropped.
-
-    Args:
-        points: (N, 2) px.
-
-    Returns:
-        i < j, the crossing that is farthest to the left as sides begin: side i goes from point i to the next one. (-1, -1) of
-        none.
-
-    Raises:
-        ValueError: no points, or points that are not finite.
-    """
     check_contour(points)
     n = len(points)
     at: list[Point] = [(x, y) for x, y in points.tolist()]

@@ -20,7 +20,6 @@ __all__ = [
 
 
 def arc_length(points: Floats) -> Floats:
-    """(N + 1,) arc length s in px at each vertex of one closed contour (N, 2); the last entry is the whole length."""
     check_contour(points)
     sides = np.roll(points, -1, axis=0) - points
     out = np.zeros(len(points) + 1)
@@ -88,22 +87,6 @@ def curvature(points: Floats, step: float) -> Floats:
 def curvature_vector(
     points: Floats, clipped: NDArray[np.bool_] | None, smoothing: float, whole: float = 0.0
 ) -> CurvatureVector:
-    """Scale-free curvature of one closed contour and the arc length it is a function of.
-
-    Args:
-        points: (N, 2) px.
-        clipped: (N,) True where the image border shapes the contour instead of the object, or None.
-        smoothing: distance, as a fraction of the length, between the box means whose chords tell the curvature: above 0 and
-            at most a quarter.
-        whole: px, the length that smoothing and curvature refer to; 0 for the contour's own. What is left of a clipped
-            outline has another length than the whole.
-
-    Returns:
-        (N + 1,) arc length, px; (N,) curvature times length, NaN within 1.5 steps of a clipped point.
-
-    Raises:
-        ValueError: smoothing out of range.
-    """
     arc = arc_length(points)
     length = float(arc[-1])
     scale = whole if whole > 0.0 else length
@@ -120,19 +103,6 @@ def curvature_vector(
 
 
 def resample(points: Floats, count: int, smooth: float) -> Floats:
-    """One closed contour at `count` points equally spaced in its arc length, the first at its first point.
-
-    Args:
-        points: (N, 2) px.
-        count: number of points wanted, at least 1.
-        smooth: px; each output is the mean of the curve over +-smooth/2 of arc length, 0 for plain interpolation.
-
-    Returns:
-        (count, 2) px.
-
-    Raises:
-        ValueError: count below 1 or above 16,777,216, a contour without length, or smooth negative or above the length.
-    """
     check_contour(points)
     check_within(count, 1, 1 << 24, "count")
     F = _Integral(points)
@@ -148,10 +118,6 @@ def resample(points: Floats, count: int, smooth: float) -> Floats:
 
 
 def blend_normals(points: Floats) -> Floats:
-    """(N, 2) unit normals out of the material at the vertices of one contour, across the chord of the neighbours.
-
-    Where the neighbours coincide the segment that follows is taken; where that has no length either, (0, 0).
-    """
     check_contour(points)
     following = np.roll(points, -1, axis=0)
     chord = following - np.roll(points, 1, axis=0)
@@ -171,15 +137,6 @@ SYMMETRIC = 1e-9
 
 
 def polygon_moments(points: Floats, offsets: NDArray[np.int64]) -> PolygonMoments:
-    """Moments of the polygons up to the third order, exact; holes subtract by their sign.
-
-    Args:
-        points: (N, 2) px.
-        offsets: (C + 1,).
-
-    Returns:
-        Not finite where there is no area.
-    """
     check_outline(points, offsets)
     following = np.arange(1, len(points) + 1)
     following[offsets[1:] - 1] = offsets[:-1]
@@ -232,16 +189,6 @@ def _segment_end_indices(offsets: NDArray[np.int64], count: int) -> NDArray[np.i
 
 
 def project_to_contour(points: Floats, offsets: NDArray[np.int64], queries: Floats) -> Floats:
-    """The nearest point of the outline to each query.
-
-    Args:
-        points: (N, 2) px.
-        offsets: (C + 1,).
-        queries: (k, 2) px.
-
-    Returns:
-        (k, 3) contour, position, distance in px. Of equally near places, the first.
-    """
     check_outline(points, offsets)
     side = points[_segment_end_indices(offsets, len(points))] - points
     square = np.einsum("ij,ij->i", side, side)
@@ -260,42 +207,16 @@ def project_to_contour(points: Floats, offsets: NDArray[np.int64], queries: Floa
 
 
 def fixed_places(points: Floats, offsets: NDArray[np.int64], queries: Floats) -> Floats:
-    """`project_to_contour`, its numbers rounded to multiples of 2**-32, so that they can be told again without loss."""
     return np.asarray(np.rint(project_to_contour(points, offsets, queries) * 2.0**32) / 2.0**32)
 
 
 def carry_places(places: Floats, offsets: NDArray[np.int64], points: Floats, current: NDArray[np.int64]) -> Floats:
-    """`point_at` of places that were found on another outline.
-
-    Args:
-        places: (k, >= 2) rows of contour, position.
-        offsets: (C + 1,) of the outline that they were found on.
-        points: (N, 2) px of the outline that they are wanted on.
-        current: (C + 1,) its offsets.
-
-    Raises:
-        ValueError: the outlines differ in their number of contours or points, or as `point_at`.
-    """
     if not np.array_equal(offsets, current):
         raise ValueError("the outlines' points do not correspond")
     return point_at(points, current, places)
 
 
 def point_at(points: Floats, offsets: NDArray[np.int64], places: Floats) -> Floats:
-    """The points of places on the outline.
-
-    Args:
-        points: (N, 2) px.
-        offsets: (C + 1,).
-        places: (k, >= 2) rows of contour, position; further columns are ignored. A position equal to the number of
-            points is 0.
-
-    Returns:
-        (k, 2) px.
-
-    Raises:
-        ValueError: a contour or a position out of range.
-    """
     check_outline(points, offsets)
     if places.ndim != 2 or places.shape[1] < 2:
         raise ValueError("a place is a contour and a position")

@@ -46,23 +46,6 @@ def _segments_around_place(contour: Floats, i: int, f: float, half: float) -> tu
 
 
 def contact_frames(points: Floats, offsets: NDArray[np.int64], places: Floats, width: float) -> Floats:
-    """The straight line that fits the outline best over +-width/2 px of arc length about each place.
-
-    Integrals run along the curve, ends of segments included, so that the answer does not depend on how it is sampled.
-
-    Args:
-        points: (N, 2) px.
-        offsets: (C + 1,).
-        places: (k, >= 2) rows of contour, position.
-        width: px, above 0; a wider finger sees less of the noise and more of the shape.
-
-    Returns:
-        (k, 4) nx, ny (unit, into the material; across the chord where no direction stands out), flatness (rms distance
-        from the line / width), length used / width (below 1 where the contour is shorter).
-
-    Raises:
-        ValueError: a place out of range, or a width that is not above 0.
-    """
     if not (width > 0 and math.isfinite(width)):
         raise ValueError(f"width must be above 0, not {width:g}")
     check_outline(points, offsets)
@@ -182,27 +165,6 @@ def _friction_angle(contacts: Floats, normals: Floats, arms: Floats) -> float:
 
 
 def force_closure(contacts: Floats, normals: Floats, cx: float, cy: float, rho: float, friction: float) -> Closure:
-    """Ferrari and Canny's epsilon of a grasp, and the smallest friction angle with which it closes.
-
-    The edges of the cones are n +- friction * t with a normal component of 1, so that the hull grows with friction.
-
-    Args:
-        contacts: (k, 2) px, 2 <= k <= 8.
-        normals: (k, 2) unit, into the material.
-        cx: px, the point about which torques are taken.
-        cy: px.
-        rho: px by which torques are divided, above 0.
-        friction: coefficient, at least 0.
-
-    Returns:
-        epsilon, the radius of the largest ball about the origin in the hull of the wrenches (L1), negative where the
-        origin is outside (the most violated facet) and 0 where the hull is flat; friction_angle in rad, pi/2 where no
-        friction closes the grasp. Two contacts close when both cones strictly hold the line between them, the
-        normals facing each other or facing away.
-
-    Raises:
-        ValueError: fewer than 2 or more than 8 contacts, rho not above 0 or friction below 0.
-    """
     k = len(contacts)
     if not 2 <= k <= MAX_CONTACTS or len(normals) != k:
         raise ValueError(f"force closure takes 2 to {MAX_CONTACTS} contacts, each with its normal, not {k}")
@@ -226,23 +188,6 @@ MOST_TRIPLED, MOST_PAIRED = 256, 20_000
 def closing_triples(
     contacts: Floats, normals: Floats, cx: float, cy: float, rho: float, friction: float
 ) -> StableTriples:
-    """All triples in force closure whose friction cones hold the way to the contacts' mean, or all the way from it.
-
-    Args:
-        contacts: (n, 2) px, n <= 256.
-        normals: (n, 2) unit, into the material.
-        cx: px, the point about which torques are taken.
-        cy: px.
-        rho: px by which torques are divided, above 0.
-        friction: coefficient, above 0.
-
-    Returns:
-        triples (t, 3), rising; sense (t,), 1 where the fingers push toward the mean (squeeze) and -1 where they
-        push away from it (spread); (t,) epsilon as in `force_closure`, above 1e-6.
-
-    Raises:
-        ValueError: arrays of different lengths or of more than 256, rho or friction not above 0.
-    """
     if len(normals) != len(contacts):
         raise ValueError("each candidate needs its normal")
     check_size(len(contacts), MOST_TRIPLED, "candidates")
@@ -300,26 +245,6 @@ STRICTLY = 1 - 1e-6
 
 
 def opposed_pairs(contacts: Floats, normals: Floats, worth: Floats, group: int, friction: float) -> StablePairs:
-    """For every two groups of candidates the best pair whose line lies strictly in both friction cones.
-
-    Neighbouring candidates form a group, so that a pair that closes only in a narrow place is found, and yet no more
-    pairs are returned than groups allow. The best has the largest share of friction left, times the squared lesser
-    worth of its two contacts.
-
-    Args:
-        contacts: (m, 2) px, m a multiple of `group`, m <= 20,000.
-        normals: (m, 2) unit, into the material.
-        worth: (m,) above 0; a candidate without worth is left out.
-        group: candidates in a group, those next to each other.
-        friction: coefficient, above 0.
-
-    Returns:
-        pairs (p, 2), first below second, sorted by group; sense (p,), 1 where the normals face each other (squeeze)
-        and -1 where they face away (spread); (p,) friction that each pair needs.
-
-    Raises:
-        ValueError: arrays of different lengths, groups that do not fit, or friction not above 0.
-    """
     m = len(contacts)
     if len(normals) != m or len(worth) != m:
         raise ValueError("each candidate needs its normal and its worth")

@@ -65,12 +65,6 @@ def homography_4(source: Floats, target: Floats) -> Floats:
 
 
 def carry_points(H: Floats, points: Floats) -> CarriedPoints:
-    """Eq. (2): points of one view carried to the other.
-
-    Args:
-        H: (3, 3).
-        points: (N, 2) px.
-    """
     x, y = points.T
     with np.errstate(all="ignore"):
         w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
@@ -80,12 +74,6 @@ def carry_points(H: Floats, points: Floats) -> CarriedPoints:
 
 
 def distortion(H: Floats, points: Floats) -> Distortion:
-    """How a homography treats the surroundings of some points, at the worst of them.
-
-    Args:
-        H: (3, 3).
-        points: (N, 2) px; of none, the first two values are infinite.
-    """
     if not len(points):
         return Distortion(math.inf if np.isfinite(H).all() else math.nan, math.inf, 1.0)
     x, y = points.T
@@ -102,17 +90,6 @@ def distortion(H: Floats, points: Floats) -> Distortion:
 
 
 def fit_homography(points1: Floats, indices1: list[int], points2: Floats, places2: list[float]) -> FittedHomography:
-    """Eq. (1): H of four samples of one contour and four places on another, and its `distortion` at the samples.
-
-    Args:
-        points1, points2: (N, 2), (N', 2) px.
-        indices1: four samples of the first contour.
-        places2: four samples of the second, with the share of the side that follows as their fraction. Between samples
-            the contour is taken as the cubic curve through them, which cuts no corners as its sides do.
-
-    Raises:
-        ValueError: three points in a row in either set, or points that are not finite; other than four, or one out of range.
-    """
     places: list[tuple[Floats, list[int] | list[float]]] = [(points1, indices1), (points2, places2)]
     for points, chosen in places:
         if len(chosen) != 4 or not all(0 <= place < len(points) for place in chosen):
@@ -122,13 +99,6 @@ def fit_homography(points1: Floats, indices1: list[int], points2: Floats, places
 
 
 def carry_normals(H: Floats, points: Floats, normals: Floats) -> Floats:
-    """Points of a contour and their normals under a homography (3, 3), eq. (2).
-
-    Returns:
-        (N, 5): u, v px; the unit normal there (normals go by the inverse transpose of the Jacobian); the Jacobian's
-        determinant. NaN for points that lie on or behind the horizon, seen from the mean of all: where the image's own
-        origin lies is of no account, and -H does what H does.
-    """
     x, y = points[:, 0], points[:, 1]
     w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
     if len(w):

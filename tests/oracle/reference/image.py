@@ -65,24 +65,6 @@ def _gradient_centroid(profile: Floats, start: float, sign: float, peak: float) 
 
 
 def search_along_normals(image: Image, points: Floats, normals: Floats, reach: float, polarity: int) -> Floats:
-    """The strongest edge along the normal at each point, by the centroid of its gradients.
-
-    Args:
-        image: (H, W) uint8 or float32 grey levels.
-        points: (n, 2) px.
-        normals: (n, 2) unit, out of the material.
-        reach: px searched on either side; farther finds larger motions, and more of the wrong edges.
-        polarity: +1 for grey that rises outward (a dark object), -1 for grey that falls, 0 for either.
-
-    Returns:
-        (n, 4) offset px along the normal, strength (grey levels per px at the peak, signed along the normal), mean
-        grey inside and outside (1.5 px or farther from the edge within reach, the last sample where there is none).
-        NaN, 0, NaN, NaN where fewer than 7 samples lie in the image, one of them is no number, nothing rises as asked, or
-        the strongest rise is at the end of the profile, so that the edge may lie beyond.
-
-    Raises:
-        ValueError: reach not above 0, or as many points as normals are not given.
-    """
     if not 0 < reach <= 1000:
         raise ValueError(f"reach must be above 0 and at most 1000 px, not {reach:g}")
     if len(points) != len(normals):
@@ -154,20 +136,6 @@ def settle_edges(
 def trace_edges(
     image: NDArray[np.uint8], chain: NDArray[np.int32], hidden: NDArray[np.uint8] | None, options: TraceOptions
 ) -> TracedEdges:
-    """Localise the edge along a chain of pixels.
-
-    Args:
-        image: (H, W).
-        chain: (N, 2) pixel centres just inside the material, either way round.
-        hidden: (H, W) nonzero where nothing was looked at, or None.
-        options: see `TraceOptions`.
-
-    Returns:
-        Points run in the direction of an outer contour or a hole.
-
-    Raises:
-        ValueError: no chain, or an image or options of other sizes.
-    """
     if len(chain) < 3:
         raise ValueError("a chain has at least 3 pixels")
     if hidden is not None and hidden.shape != image.shape:
@@ -214,22 +182,6 @@ AROUND = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))
 
 
 def edge_links(edges: NDArray[np.uint8], reach: float, bend: float, loose: float) -> NDArray[np.int64]:
-    """Gaps in thin edges that both of their ends point across (good continuation).
-
-    Two ends are linked when each is the other's best: the shortest gap after a fine on its bends.
-
-    Args:
-        edges: (H, W) nonzero on edges one pixel wide.
-        reach: px, the longest gap.
-        bend: rad, by how much each end may point aside.
-        loose: rad, the same across gaps below 8 px.
-
-    Returns:
-        (n, 4) x and y of both ends of each link, in the order of the image's rows.
-
-    Raises:
-        ValueError: reach, bend or loose is NaN.
-    """
     if math.isnan(reach) or math.isnan(bend) or math.isnan(loose):
         raise ValueError("reach, bend and loose must be numbers")
     ends, ways, sizes = _edge_ends(edges)
@@ -324,22 +276,6 @@ def _best_partner(
 def blur_threshold(
     image: NDArray[np.uint8], left: int, top: int, right: int, bottom: int, level: float, polarity: int
 ) -> NDArray[np.uint8]:
-    """Where a window of an image, softened by the binomial (1 2 1) both ways, is dark or light.
-
-    One pass without threads: a library's parallel blur waits for its threads longer than a window takes.
-
-    Args:
-        image: (H, W).
-        left, top, right, bottom: the window, right and bottom not included. Beyond the image its border is repeated.
-        level: grey level.
-        polarity: +1 marks what is at most the level, -1 what is above it.
-
-    Returns:
-        (bottom - top, right - left) of 0 and 255.
-
-    Raises:
-        ValueError: a window that is empty or not in the image, or a level that is NaN.
-    """
     height, width = image.shape
     if not (0 <= left < right <= width and 0 <= top < bottom <= height):
         raise ValueError("the window must lie in the image and hold a pixel")

@@ -23,24 +23,6 @@ __all__ = ["align_outlines", "align_projective", "initial_alignments", "outline_
 def align_outlines(
     points1: Floats, arc1: Floats, points2: Floats, arc2: Floats, count: int, tie: float
 ) -> list[CyclicShift]:
-    """The cyclic shifts by which one closed contour agrees best with another, up to a similarity.
-
-    Both are sampled at `count` equal steps of arc length and centred: a_i, b_i as complex numbers, each of unit norm.
-    With c_k = sum_i conj(a_i) b_(i + k), the best similarity for shift k turns by arg c_k and leaves the share
-    sqrt(1 - |c_k|^2) of the second outline's norm.
-
-    Args:
-        points1, points2: (N, 2), (N', 2) px.
-        arc1, arc2: (N + 1,), (N' + 1,) arc length, px.
-        count: number of shifts, a power of 2 from 4 to 65536.
-        tie: what may be left beyond the least that is left by any shift.
-
-    Returns:
-        Of each local maximum of |c_k| within the tie: shift k / count, angle in rad and what is left, the best first.
-
-    Raises:
-        ValueError: no such count, or arc lengths of another contour.
-    """
     check_power_of_2(count)
     check_arc(len(points1), arc1)
     check_arc(len(points2), arc2)
@@ -69,27 +51,6 @@ IN_FRONT = 0.25
 
 
 def initial_alignments(first: Floats, second: Floats, bends: Floats, count: int, apart: float, most: int) -> Floats:
-    """Homographies that may lay one closed contour on another, without a prior.
-
-    The first contour is whitened: its area gets its mean at 0 and unit second moments. There it is bent by
-    (x, y) / (1 + g x + h y), for each bend (g, h), and whitened again. If the bend is right, it then differs from the
-    whitened second contour by a turn. Both are sampled at `count` equal steps of their arc length there, and a cyclic
-    correlation of the complex samples gives for each shift the best turn, and what it leaves.
-
-    Args:
-        first, second: (N, 2), (N', 2) px, of positive signed area.
-        bends: (T, 2), T <= 1000.
-        count: samples, a power of 2 from 4 to 65536.
-        apart: lengths of the outline; of alignments whose shifts differ by less only the best is kept.
-        most: alignments that are kept, at most 1000.
-
-    Returns:
-        (k, 11), k <= most: the share of the second outline's norm that is left, the shift in lengths of the outline, and
-        the homography first -> second by rows, its last element 1. What leaves least comes first.
-
-    Raises:
-        ValueError: no such count, or a contour without area.
-    """
     check_power_of_2(count)
     check_size(len(bends), 1000, "bends")
     check_within(most, 0, 1000, "most")
@@ -155,22 +116,6 @@ ENOUGH = 12
 def outline_gaps(
     points: Floats, normals: Floats, targets: Floats, target_normals: Floats, offsets: NDArray[np.int64], reach: float
 ) -> Floats:
-    """How far each point of one outline is from another outline.
-
-    Of the targets whose normals differ by 60 degrees at most the nearest counts. Its distance is taken to the piece of
-    the tangent there that lies half way to the neighbours on either side.
-
-    Args:
-        points, normals: (m, 2) px, (m, 2) unit.
-        targets, target_normals, offsets: the other outline, (n, 2), (n, 2), (C + 1,).
-        reach: px that are searched.
-
-    Returns:
-        (m,) px, `reach` where nothing is nearer.
-
-    Raises:
-        ValueError: normals or offsets of other points, or no reach, or targets that are not finite.
-    """
     _check_arguments(points, normals, targets, target_normals, offsets, reach)
     return _nearest_target_gaps(points, normals, targets, target_normals, _half_spacing(targets, offsets), reach)[0]
 
@@ -184,26 +129,6 @@ def align_projective(
     offsets: NDArray[np.int64],
     steps: AlignmentSteps,
 ) -> Floats:
-    """Refine homographies that lay points of one outline on another: Gauss-Newton, point to tangent line.
-
-    In each step every sample is carried by the homography; its counterpart is the nearest target whose normal differs by
-    60 degrees at most. Distances to the tangents there are weighted by Tukey's biweight, so that a part that fits
-    nowhere counts nothing. Damping holds what the outline hardly shows.
-
-    Args:
-        starts: (k, 9) homographies by rows, each refined on its own.
-        points, normals: (m, 2) px, (m, 2) unit, samples of the first outline.
-        targets, target_normals, offsets: the second outline, as in `outline_gaps`.
-        steps: see `AlignmentSteps`.
-
-    Returns:
-        (k, 10): the homography by rows, its last element 1, and px rms of the distances that are left, of the samples of
-        the last step, those beyond its reach counted as the reach. NaN where too few points have a counterpart, where
-        the outline turns over, or where a part of it is sent to infinity.
-
-    Raises:
-        ValueError: arrays that do not belong together.
-    """
     reaches, damping, strides, least_noise = steps
     if not len(reaches) or len(damping) != len(reaches) or len(strides) != len(reaches):
         raise ValueError("each step needs its reach, damping and stride")

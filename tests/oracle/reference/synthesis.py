@@ -32,29 +32,6 @@ def finger_clearance(
     depth: float,
     reach: float,
 ) -> Floats:
-    """How far the outline protrudes into each finger's rectangle under the pad, and what else of it lies there.
-
-    The rectangle reaches from the contact `depth` px against the finger's direction, and width / 2 to either side.
-    Segments, not points, are looked at, and a rectangle whose far end lies in material is not free either.
-
-    Args:
-        points: (N, 2) px.
-        offsets: (C + 1,).
-        contacts: (k, 2) px, the middle of each pad.
-        directions: (k, 2) unit vectors in which each finger pushes.
-        places: (k, >= 2) rows of contour, position of each contact; None where the outline is another object's, of
-            which nothing lies under a pad.
-        width: px, above 0.
-        depth: px; with next to 0 there is no rectangle.
-        reach: px of arc length on either side of a contact; segments that begin within it are under the pad.
-
-    Returns:
-        (k, 2) the largest distance behind the pad's face of what is under it, 0 where nothing protrudes; the least
-        of anything else in the rectangle, inf where there is nothing. Both px.
-
-    Raises:
-        ValueError: lengths that differ, a place out of range, a width not above 0, depth or reach below 0.
-    """
     count = len(contacts)
     if len(directions) != count or (places is not None and len(places) != count):
         raise ValueError("each contact needs its direction and its place")
@@ -291,25 +268,6 @@ def rank_grasps(
     space: WrenchSpace,
     limits: RankingLimits,
 ) -> RankedGrasps:
-    """The best grasps, each unlike all better ones, with the regions in which their contacts may slip.
-
-    A grasp's quality is its bound times its room, 0.2 + 0.8 sqrt(r / most) for the least half-length r of its regions.
-    Regions are found in the order of the bounds and only as long as they can matter, which leaves the order exact.
-    Grasps are alike when, in some order, each contact of one lies nearer than `gap` to one of the other.
-
-    Args:
-        candidates: see `RankedCandidates`.
-        grasps: (g, 2) or (g, 3) indices of contacts; each grasp closes.
-        strength: (g,) the friction that a pair needs, the epsilon of a triple.
-        bound: (g,) at least 0.
-        space, limits: see `WrenchSpace` and `RankingLimits`.
-
-    Returns:
-        The best first.
-
-    Raises:
-        ValueError: arrays that do not belong together, indices out of range, or a quantity out of range.
-    """
     (contacts, normals, usable, starts, steps), (friction, cx, cy, rho), (most, gap, top) = candidates, space, limits
     m, (count, fingers) = len(contacts), grasps.shape
     if len(normals) != m or len(usable) != m:

@@ -72,14 +72,6 @@ def _unwrapped_arc_length(arc: Floats, i: int) -> float:
 
 
 def best_quadrilateral(points: Floats, weights: Floats) -> Quadrilateral:
-    """Four of m points that fix a homography best, and the smallest area (px^2) of a triangle among them.
-
-    The smallest triangle, times the root of the smallest weight, decides; the first in order of the list wins a tie.
-    Indices come in rising order. With m < 4 the indices are -1, as they are where no four are finite.
-
-    Raises:
-        ValueError: more than 32 points, or not as many weights.
-    """
     check_size(len(points), MOST_CHOSEN_FROM, "points")
     if len(weights) != len(points):
         raise ValueError("each point needs its weight")
@@ -100,22 +92,6 @@ def _triangle_area(p: Floats) -> float:
 def select_points(
     points: Floats, arc: Floats, curvature: Floats, separation: float, prominence: float
 ) -> SelectedPoints:
-    """The four points of a contour by which a homography is found, and what else may serve.
-
-    Args:
-        points: (N, 2) px.
-        arc: (N + 1,) arc length, px.
-        curvature: (N,) curvature vector, also the points' weight.
-        separation: px along the contour between two peaks of curvature, at least.
-        prominence: least rise of a peak above the lowest curvature within 3 separations, on either side.
-
-    Returns:
-        Indices of the peaks, the best four first in rising order of strength rank, then the others, strongest
-        first; and the smallest triangle of the four in px^2. With fewer than four peaks, these and 0.
-
-    Raises:
-        ValueError: arrays of other lengths, or an arc length that does not rise.
-    """
     check_arc(len(points), arc)
     check_arc(len(curvature), arc)
     peaks = curvature_peaks(curvature, arc, separation, prominence)
@@ -133,24 +109,6 @@ def select_points(
 def match_curvature(
     first: CurvatureVector, indices: list[int], second: CurvatureVector, centres: list[float], window: MatchWindow
 ) -> CurvatureMatches:
-    """Eq. (3): the place on the second contour whose neighbourhood is most like that of sample i of the first.
-
-    The sample with the least sum of differences is found first. From there two steps of Gauss and Newton, of one side at
-    most, go to the place between samples where the differences are least. Where that lies beyond the window, or beyond
-    what can be compared, there is a sample and no place.
-
-    Args:
-        first, second: curvature of both contours, scale-free.
-        indices: samples i of the first contour.
-        centres: px: the arc length in the second contour about which each search is centred.
-        window: see `MatchWindow`.
-
-    Returns:
-        The least matching errors are divided by 2 n + 1.
-
-    Raises:
-        ValueError: an index out of range, a radius above 1000, lengths that differ, or an arc length that does not rise.
-    """
     (arc1, v1), (arc2, v2) = first, second
     kappa, reach, radius, step, tolerance = window
     check_arc(len(v1), arc1)
@@ -225,19 +183,6 @@ def _place_between_samples(
 def refine_contacts(
     H: Floats, contacts: Floats, normals: Floats | None, points: Floats, offsets: NDArray[np.int64]
 ) -> RefinedContacts:
-    """Eq. (2) and Fig. 11: each contact goes to the crossing of the outline that is nearest to where H puts it.
-
-    Args:
-        H: (3, 3) reference to current.
-        contacts: (k, 2) px in the reference.
-        normals: (k, 2) unit normals in the reference: each contact moves along its own, carried by H. None for two
-            contacts, which move along the line through both.
-        points: (N, 2) px of the current outline.
-        offsets: (C + 1,).
-
-    Raises:
-        ValueError: no contacts, or without normals other than two.
-    """
     if not len(contacts):
         raise ValueError("contacts are needed")
     if (normals is None and len(contacts) != 2) or (normals is not None and len(normals) != len(contacts)):
@@ -275,19 +220,6 @@ Numbers = tuple[float, ...]
 
 
 def grasp_line(points: Floats, offsets: NDArray[np.int64], contacts: Floats) -> DescribedLine:
-    """The line through two contacts relative to the silhouette's inertia axes.
-
-    Args:
-        points: (N, 2) px.
-        offsets: (C + 1,).
-        contacts: (2, 2) px.
-
-    Returns:
-        Not finite where the contacts coincide or the line never meets I_min.
-
-    Raises:
-        ValueError: other than two contacts.
-    """
     if len(contacts) != 2:
         raise ValueError("a grasp line has two contacts")
     area, cx, cy, theta, major, minor, t30, t21, t12, t03 = polygon_moments(points, offsets)
@@ -316,17 +248,6 @@ def carry_grasp_line(
     ahead: tuple[float, float],
     least_skewness: float,
 ) -> CarriedLine:
-    """The contacts with given grasp-line coordinates on another outline.
-
-    Args:
-        points: (N, 2) px.
-        offsets: (C + 1,).
-        line: d_c, alpha_m, d_1, d_2.
-        reference: t30, t21, t12, t03, area, cx, cy, theta of the view in which they were measured.
-        ahead: the direction in which I_min is expected to point, of any length, or (0, 0) where it is not: then the
-            third moments tell, which change their sign with a half turn.
-        least_skewness: norm of the third moments below which they tell nothing.
-    """
     area, cx, cy, theta, major, minor, *skewness = polygon_moments(points, offsets)
     d_c, alpha_m, d_1, d_2 = line
     *before, area1, x1, y1, theta1 = reference

@@ -2,7 +2,7 @@
 """The pose of a plane part made exact on edges and texture, and what is told of it."""
 
 from reference.registration.estimate import seen_area, surface_evidence
-from reference.registration.pose import PoseEstimate, PoseFlow, PoseTarget, strongest_edges
+from reference.registration.pose import strongest_edges
 from reference.registration.texture import patch_noise
 
-__all__ = ["PoseEstimate", "PoseFlow", "PoseTarget", "patch_noise", "seen_area", "strongest_edges", "surface_evidence"]
+__all__ = ["patch_noise", "seen_area", "strongest_edges", "surface_evidence"]

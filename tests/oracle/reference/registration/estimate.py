@@ -15,14 +15,6 @@ BEFORE = 1e-6
 
 
 def seen_area(G: Floats, points: Floats) -> float:
-    """Signed area, px^2, of a polygon (n, 2) seen through G (3, 3).
-
-    Returns:
-        NaN where part of it lies behind the camera, or G is not finite; 0 of no points.
-
-    Raises:
-        ValueError: points of another shape.
-    """
     G, points = np.asarray(G, dtype=np.float64).reshape(3, 3), np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2:
         raise ValueError("points are of shape (N, 2)")
@@ -44,22 +36,6 @@ def surface_evidence(
     chance_spread: float,
     independent: float,
 ) -> SurfaceEvidence:
-    """Log-likelihood ratios of the correlations of some levels: this surface, a share of it covered, against another one.
-
-    Args:
-        correlation: (n,) of each level's patches, NaN where not seen.
-        usual: (n,) of late; within 0 and 1.
-        shares: (m,) that may be covered, changed or glaring.
-        log_prior: (m,) of them.
-        match_spread, chance_spread: of a correlation, from 1 where the surface is the same, from 0 where it is not.
-        independent: patches that count as one.
-
-    Returns:
-        Each level having a share of its own, 0 where nothing is seen; and (m,), all levels having one share.
-
-    Raises:
-        ValueError: other numbers of correlations than of what is usual, or of shares than of priors.
-    """
     if len(log_prior) != len(shares):
         raise ValueError("each share needs its prior")
     if [len(r) for r in correlation] != [len(u) for u in usual]:

@@ -39,10 +39,6 @@ class Matches(NamedTuple):
 
 
 def patch_noise(camera: float, stride: float) -> float:
-    """Grey levels, of the camera's noise in pixels `stride` apart: at least that of 8 bits.
-
-    Halving an image leaves little more than a quarter of it, halving it again the half of that.
-    """
     return max(camera / (2.0 * stride), math.sqrt(1.0 / 12.0)) if stride > 1.0 else camera
 
 
