@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 37_505,
-    "src/grasptrack/tracking": 6_660,
+    "src/grasptrack": 37_516,
+    "src/grasptrack/tracking": 6_680,
     "src/grasptrack/servo": 4_865,
     "src/grasptrack/io": 4_825,
     "src/grasptrack/segmentation": 3_830,
@@ -22,9 +22,9 @@ BUDGETS = {
     "src/grasptrack/trackability": 2_010,
     "src/grasptrack/grasp": 1_905,
     "bench": 15_245,
-    "research": 8_815,
-    "native": 6_870,
-    "tests": 39_000,
+    "research": 8_816,
+    "native": 6_885,
+    "tests": 38_966,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 192

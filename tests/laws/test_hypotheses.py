@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack.tracking.hypotheses import add_alike
-from grasptrack.tracking.state import FlowFit
+from grasptrack.tracking.state import FadingRatio
 from grasptrack.typing import Floats
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -43,14 +43,12 @@ def test_they_add_up_alike_in_any_unit(seed: int) -> None:
     assert add_alike(D @ P @ D, D @ step @ D) == pytest.approx(seen, rel=1e-5, abs=1e-6 * np.trace(seen))
 
 
-@given(st.lists(st.tuples(st.floats(0.0, 8.0), st.floats(0.0, 8.0)), max_size=20), st.floats(1.0, 50.0))
-def test_a_motion_that_fits_is_trusted_and_one_that_is_off_as_far_as_it_is(
-    seen: list[tuple[float, float]], times: float
-) -> None:
-    fit, off = FlowFit(), FlowFit()
-    for least, most in map(sorted, seen):
-        fit.add(least, most)
-    for _ in range(60):
-        off.add(times * 6.0, 6.0)
-    assert fit.excess == 1.0
-    assert 0.95 * times <= off.excess <= times
+@given(st.floats(0.0, 50.0), st.floats(0.1, 8.0))
+def test_a_motion_is_as_unsure_as_it_proves_to_be(times: float, freedoms: float) -> None:
+    misfit = FadingRatio(2.0, 2.0)
+    assert misfit.value == 1.0
+    for _ in range(200):
+        misfit.add(times * freedoms, freedoms)
+        assert min(1.0, times) - 1e-9 <= misfit.value <= max(1.0, times) + 1e-9
+    late = 2.0 / (2.0 + 10.0 * freedoms)  # what the first view's share is once ten images' worth are kept
+    assert misfit.value == pytest.approx(late + (1.0 - late) * times, rel=1e-6, abs=1e-6)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verbs that the distribution grasptrack-bench adds: listed always, loaded when one is run, or named as missing."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import typer

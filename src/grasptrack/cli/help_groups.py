@@ -6,8 +6,6 @@ The heading of an option or a verb is its `rich_help_panel`. Typer itself heeds 
 loading rich would cost more than all else in `--help`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import re

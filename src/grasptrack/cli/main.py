@@ -5,8 +5,6 @@ Status 0: done. 2: bad input or usage. 3: every strategy of `transfer` refuses. 
 GRASPTRACK_DEBUG=1 shows tracebacks.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack doctor`, `cameras` and `models`: what is installed and what is wrong with it, what is attached, what segments."""
 
-from __future__ import annotations
-
 import importlib.metadata as metadata
 import platform
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Equal parts in view: which of them lies where one was found, by the way that each went and by where the others lie now."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hypotheses of the pose made exact (`kernels.PoseTarget.solve`), and the state in the first image."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from grasptrack.tracking.camera import Beforehand

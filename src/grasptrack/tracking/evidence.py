@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Log-likelihood ratios: what surface and outline of an estimate say for the object, and against it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

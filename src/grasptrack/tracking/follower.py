@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Follows one target through images: hypotheses, estimates, decision, and what is learned from them (Fig. 3)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the object is expected, by its own texture, the background, rest or even motion, and what an image makes of that."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -91,7 +89,7 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     first = []
     if flow is not None:
         # without noise of a camera's own an encoder has changed the images
-        step = flow.P * state.flow_fit.excess
+        step = flow.P * max(1.0, state.flow_misfit.value)
         far = state.P + step if target.noise > LEAST_NOISE else add_alike(state.P, step)
         P = far + Q * numbers.predicted**2 + np.diag(state.surface_lag)
         hypothesis = Hypothesis("texture", flow.G, P)

@@ -5,8 +5,6 @@ Outlines matched without a prior, keypoints and the strategies' own transfers sa
 estimator makes each exact, and its decision says which is believed.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an image teaches of an object, and what remains known of it without: the only changes of a `TrackState`."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -57,7 +55,8 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     moved = 0.0 if state.lost else px * target.size / math.sqrt(e.area) / max(steps, SHORTEST_STEP)
     state.moved = moved, state.moved[0]
     if not state.lost:
-        state.stale.add(target.handle.repeats(state.last.levels, state.last.G, levels, e.G))
+        repeated = target.handle.repeats(state.last.levels, state.last.G, levels, e.G)
+        state.stale.add(repeated.way, repeated.change)
     state.last, state.visible, state.P = Look(levels, e.G), e.visible, e.P
     state.presence = _clamp(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
     state.expected, state.anchored, state.unseen, state.adrift, state.lost = e.G, True, 0.0, 0.0, 0
@@ -155,7 +154,7 @@ def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predic
     if expected.origin == "texture":
         precision, off = np.linalg.inv(expected.P), target.pose_difference(expected.G, estimate.G)
         # of its eight freedoms those that the image itself has told
-        state.flow_fit.add(float(off @ precision @ off), len(off) - float((precision * estimate.P).sum()))
+        state.flow_misfit.add(float(off @ precision @ off), len(off) - float((precision * estimate.P).sum()))
     velocity = target.pose_difference(state.last.G, estimate.G) / max(state.steps, SHORTEST_STEP)
     state.velocity_P = state.P + estimate.P
     state.velocity = velocity if not state.lost and math.isfinite(float(velocity @ velocity)) else None

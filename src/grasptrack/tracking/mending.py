@@ -5,8 +5,6 @@ The first view defines the contacts and the plane in which poses are told; both 
 showed.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Codes and figures as sentences: nothing else is decided by them, and nothing is decided by a sentence."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

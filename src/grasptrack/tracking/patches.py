@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The surface of the first view: camera noise, patches that tell how they moved, shifts under which it looks alike."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Poses: where the object may be, what an image makes of that, and how far apart two of them are."""
 
-from __future__ import annotations
-
 import copy
 import math
 from dataclasses import dataclass

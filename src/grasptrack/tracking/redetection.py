@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the object may be when continuity does not tell: shifted from its last look, by its keypoints or its outline."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What of the first view is followed: samples of its outline with their edges, and a target with its surface too."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

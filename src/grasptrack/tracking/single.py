@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """An image that follows no other: hypotheses made exact and judged without continuity, and nothing learned from them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

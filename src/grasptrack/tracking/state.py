@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """All that changes from frame to frame: where the object is, and what is known of its camera and surface."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.kernels.results import RepeatedPatches
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.plane import Plane
 from grasptrack.tracking.pose import Look
@@ -138,8 +135,10 @@ class Shutter:
         return 0.0, (a - row * d) * unit, (b - row * e) * unit
 
 
-STALE_PRIOR, STALE_MEMORY = 10.0, 0.9
-"""Grey levels^2 that count for new before the first image, and share of what is known that is left an image later."""
+STALE_PRIOR, FLOW_PRIOR = 10.0, 2.0
+"""Grey levels^2 that count for new before the first image, and freedoms that count for as far off as is told."""
+MEMORY_SHARE = 0.9
+"""Share of a sum over images that is left an image later."""
 FRAME_S = 1.0 / 30.0
 """s between images whose times are not told."""
 
@@ -180,52 +179,29 @@ class ContactSightings:
 
 
 @dataclass
-class StaleSurface:
-    """How far the surface lags behind, as far as a video's encoder leaves it as it was.
+class FadingRatio:
+    """One sum over images by another, in which late images count most.
 
     Attributes:
-        change, way: sums of late of what images show, as `kernels.results.RepeatedPatches`.
+        above, below: the sums, of which the first view's part does not fade.
     """
 
-    change: float = STALE_PRIOR
-    way: float = 0.0
+    above: float
+    below: float
 
-    def add(self, seen: RepeatedPatches) -> None:
-        """What the last image shows of it."""
-        self.change = STALE_PRIOR + STALE_MEMORY * (self.change - STALE_PRIOR) + seen.change
-        self.way = STALE_MEMORY * self.way + seen.way
+    def __post_init__(self) -> None:
+        self._first = self.above, self.below
 
-    @property
-    def variance(self) -> float:
-        """Of that, work px^2, by what each patch tells of the motion: patches that lag lag together."""
-        return self.way / self.change
-
-
-FLOW_PRIOR, FLOW_MEMORY = 2.0, 0.9
-"""Freedoms that count for as much as is told before the first image, and share of what is known that is left an image later."""
-
-
-@dataclass
-class FlowFit:
-    """How well the motion of the surface, from image to image, is what outline and first view then say.
-
-    Attributes:
-        off: sum of late of squared Mahalanobis distances; freedoms: of their expectations.
-    """
-
-    off: float = FLOW_PRIOR
-    freedoms: float = FLOW_PRIOR
-
-    def add(self, off: float, freedoms: float) -> None:
-        """What the last image shows of it."""
-        if math.isfinite(off) and freedoms > 0.0:
-            self.off = FLOW_PRIOR + FLOW_MEMORY * (self.off - FLOW_PRIOR) + off
-            self.freedoms = FLOW_PRIOR + FLOW_MEMORY * (self.freedoms - FLOW_PRIOR) + freedoms
+    def add(self, above: float, below: float) -> None:
+        """What the last image adds to both."""
+        if math.isfinite(above) and below >= 0.0:
+            (a, b), kept = self._first, MEMORY_SHARE
+            self.above, self.below = a + kept * (self.above - a) + above, b + kept * (self.below - b) + below
 
     @property
-    def excess(self) -> float:
-        """By which its variance is larger than it says, 1 at least."""
-        return max(1.0, self.off / self.freedoms)
+    def value(self) -> float:
+        """Of late."""
+        return self.above / self.below
 
 
 FRONTAL = 0.5
@@ -270,7 +246,8 @@ class TrackState:
             jump is no speed; 0 where that is not known.
         presence: probability that the object is there.
         sightings: of the contacts.
-        stale: how much of the surface is not seen anew; flow_fit: how well its motion fits what else is seen.
+        stale: work px^2, how far patches lag that lag together, as far as a video's encoder leaves them as they were.
+        flow_misfit: squared distances of the surface's motion from what outline and first view then say, by their expectation.
         shown: (N,) 0 to 1: how much of each sample of the outline accepted images showed on average, once the object had moved.
         shown_in: so many of them.
         steps: time from the last image but one to the last, or to the one that is looked at, in usual intervals.
@@ -314,8 +291,8 @@ class TrackState:
     usual: list[Floats]
     time: float | None
     interval: float | None = None
-    stale: StaleSurface = field(default_factory=StaleSurface)
-    flow_fit: FlowFit = field(default_factory=FlowFit)
+    stale: FadingRatio = field(default_factory=lambda: FadingRatio(0.0, STALE_PRIOR))
+    flow_misfit: FadingRatio = field(default_factory=lambda: FadingRatio(FLOW_PRIOR, FLOW_PRIOR))
     shown: Floats = field(default_factory=nothing_visible)
     shown_in: int = 0
     visible: Floats = field(default_factory=nothing_visible)
@@ -371,7 +348,7 @@ class TrackState:
     def surface_lag(self) -> Floats:
         """(8,) variances of the pose's error that the surface's patches share."""
         numbers, target = self.numbers, self.target
-        share = self.stale.variance / (numbers.drift * target.size) ** 2
+        share = self.stale.value / (numbers.drift * target.size) ** 2
         return np.asarray(np.diagonal(target.noise_of_motion) * share, dtype=np.float64)
 
     @property

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Carriers of a grasp from image to image; those that answer with one of the paper's transfers (Section IV)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

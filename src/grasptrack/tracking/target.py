@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is followed, as the estimator looks for it: outline, texture and contacts of the first view."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
