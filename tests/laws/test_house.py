@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 37_516,
-    "src/grasptrack/tracking": 6_680,
+    "src/grasptrack": 37_518,
+    "src/grasptrack/tracking": 6_682,
     "src/grasptrack/servo": 4_865,
     "src/grasptrack/io": 4_825,
     "src/grasptrack/segmentation": 3_830,

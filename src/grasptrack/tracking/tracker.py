@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The grasp tracking procedure of Fig. 3: synthesise once, then contour, transfer and analysis for each image."""
 
+from __future__ import annotations
+
 import math
 import threading
 import time as clock
