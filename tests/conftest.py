@@ -83,6 +83,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         item.get_closest_marker("slow") and not item.get_closest_marker("brief"),
         item.get_closest_marker("whole"),
     )
+    own = {what: whole(*what) for what in SHORT}  # before any of them is replaced
     for (module, function), short in SHORT.items():
         wanted = slow or (named and (not named.args or function in named.args))
-        setattr(import_module(module), function, whole(module, function) if wanted else short)
+        setattr(import_module(module), function, own[module, function] if wanted else short)

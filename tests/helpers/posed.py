@@ -134,10 +134,18 @@ def ingredients(seed: int, n: int, numbers: dict[str, float], textured: bool = T
 
 
 def target(
-    module: Any, seed: int, n: int = 80, *, textured: bool = True, shown: list[Grey] | None = None, **numbers: float
+    module: Any,
+    seed: int,
+    n: int = 80,
+    *,
+    textured: bool = True,
+    shown: list[Grey] | None = None,
+    seen: Floats = A,
+    **numbers: float,
 ) -> Any:
-    """A target of a module's class, with the surface that a first image shows; None takes it as it is drawn."""
-    made = module.PoseTarget(*ingredients(seed, n, numbers, textured))
+    """A target of a module's class, as a first image shows it through `seen` (3, 3); None takes it as it is drawn."""
+    table, _, *rest = ingredients(seed, n, numbers, textured)
+    made = module.PoseTarget(table, seen, *rest)
     rng = np.random.default_rng(seed)
     levels = shown or pyramid(draw(A, seed, textured=textured))
     for stride in (1.0, 2.0, 4.0):

@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_245,
     "research": 8_816,
     "native": 6_885,
-    "tests": 38_966,
+    "tests": 38_982,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 192
