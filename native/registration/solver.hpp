@@ -199,28 +199,33 @@ class Solver {
     // All patches of the levels from `first` to `end`.
     std::vector<PatchRow> match_all(std::size_t first, std::size_t end, const Homography &G) const {
         std::vector<PatchRow> rows;
+        std::vector<std::size_t> still;
+        std::size_t asked = 0;
         for (std::size_t level = first; level < std::min(end, target_.texture.size()); ++level) {
             const PatchSet &set = target_.texture[level];
             for (const Patch &patch : set.patches) {
                 rows.push_back({&patch, match_patch(pyramid_, G, patch, seen_at({patch.x, patch.y}, patch.rows), set.stride, target_.noise, numbers_.texture_floor * set.stride)});
-                PatchMatch &match = rows.back().match;
-                if (match.inside && stands_still(G, patch, match.correlation, set.stride)) match.inside = false;
+                if (!rows.back().match.inside || !may_stand_still(G, patch, rows.back().match.correlation)) continue;
+                ++asked;
+                const PatchMatch there = match_patch(pyramid_, target_.A, patch, {patch.x, patch.y}, set.stride, target_.noise, 0.0);
+                if (there.correlation > agreeing) still.push_back(rows.size() - 1);
             }
         }
+        // what the image shows where the first view had it is none of the object that has moved on: dirt on the lens, a bezel
+        if (is_no_chance(static_cast<double>(still.size()), asked))
+            for (std::size_t k : still) rows[k].match.inside = false;
         return rows;
     }
 
-    // Whether the image shows a patch where the first view had it, though the object has moved on: dirt on the lens, a bezel, print
-    // of the camera's own. What does not lie where the pose has it, or lies there because the object turned about it, is asked.
-    bool stands_still(const Homography &G, const Patch &patch, double correlation, double stride) const {
+    // Whether a patch does not lie where the pose has it, or lies there because the object turned about it, though that has moved.
+    bool may_stand_still(const Homography &G, const Patch &patch, double correlation) const {
         constexpr double least = 1.0, share = 0.25;  // px that the object's middle has moved, and of that what stands still
         const auto moved = [&](double x, double y) {
             const Point here = carried(G, x, y), first = carried(target_.A, x, y);
             return std::hypot(here.x - first.x, here.y - first.y);
         };
         const double way = moved(target_.cx, target_.cy);
-        if (!(way > least) || (correlation > agreeing && moved(patch.x, patch.y) > share * way)) return false;
-        return match_patch(pyramid_, target_.A, patch, {patch.x, patch.y}, stride, target_.noise, 0.0).correlation > agreeing;
+        return way > least && !(correlation > agreeing && moved(patch.x, patch.y) > share * way);
     }
 
     // Coarse to fine on the texture, before edges are looked at: their candidates are many, its valley is wide.

@@ -265,11 +265,11 @@ struct TextureFit {
     std::vector<double> weight;  // by which each patch's information counts
 };
 
+// Whether so many of n patches agree that it is not by chance: noise alone agrees here and there.
+inline bool is_no_chance(double agreeing, std::size_t n) { return agreeing >= 4 + 0.12 * static_cast<double>(n); }
+
 inline bool tells(const TextureFit &fit, std::size_t count) {
-    // noise alone agrees here and there
-    constexpr double least = 4, chance = 0.12;
-    const auto n = static_cast<double>(count);
-    return fit.used >= 4 && fit.agreeing * n >= least + chance * n;
+    return fit.used >= 4 && is_no_chance(fit.agreeing * static_cast<double>(count), count);
 }
 
 // The same where all patches share an error of the pose with these variances: N becomes (N^-1 + L)^-1.

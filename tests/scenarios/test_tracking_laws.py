@@ -66,13 +66,13 @@ def test_an_object_that_shows_its_sides_is_told_not_to_be_flat(kind: str, told: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("shape", "seed"), [("half-disc", 91), ("egg", 201)])
-def test_a_plain_part_does_not_slide_on_itself(shape: str, seed: int) -> None:
+@pytest.mark.parametrize(("shape", "seed", "frames"), [("half-disc", 91, 40), ("egg", 201, 24)])
+def test_a_plain_part_does_not_slide_on_itself(shape: str, seed: int, frames: int) -> None:
     # a projective map carries their outlines nearly into themselves, and what looked like texture along one, or dirt on the
     # lens, told of another motion
-    case = make_scene_cases(built_in([shape]), ["fixed-marks"], frames=40, seed=seed)[0]
-    frames = run_case((case, ("auto",)))["auto"]
-    assert [f.frame for f in frames if f.is_false_accept] == []
+    case = make_scene_cases(built_in([shape]), ["fixed-marks"], frames=frames, seed=seed)[0]
+    found = run_case((case, ("auto",)))["auto"]
+    assert [f.frame for f in found if f.is_false_accept] == []
 
 
 @pytest.mark.sampled(1)

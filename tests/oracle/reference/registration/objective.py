@@ -28,7 +28,15 @@ from reference.registration.edges import (
 )
 from reference.registration.pyramid import Pyramid, clamp_to_int, transform_points, upper_median
 from reference.registration.target import Target, bent
-from reference.registration.texture import AGREEING, Matches, join_matches, match_patches, texture_weights
+from reference.registration.texture import (
+    AGREEING,
+    CHANCE,
+    LEAST_PATCHES,
+    Matches,
+    join_matches,
+    match_patches,
+    texture_weights,
+)
 
 MOST_THETA = 1.2
 """Of the log of the focal length, and of the normal's slopes: a view beyond it is not believable."""
@@ -183,7 +191,10 @@ class Objective:
         middle, *ways = np.hypot(*np.subtract(*pairs))
         if middle > STILL_FROM:  # what the first view had there as well is the lens's or the camera's
             own = (here.correlation > AGREEING) & (np.array(ways) > STILL_SHARE * middle)
-            here = here._replace(inside=here.inside & (own | (still.correlation <= AGREEING)))
+            asked = here.inside & ~own
+            there = asked & (still.correlation > AGREEING)
+            if there.sum() >= LEAST_PATCHES + CHANCE * asked.sum():
+                here = here._replace(inside=here.inside & ~there)
         return here
 
     def candidates(self, G: Floats, reach: int) -> Candidates:
