@@ -98,7 +98,7 @@ STAGED: dict[str, Callable[[], Staged]] = {
     "off-outline": lambda: from_suite("key", "noise", seed=5, frames=24, strategy="homography"),
     "false-edge": highlight_at_first,
     "contact-unseen": lambda: from_suite("bracket", "cover"),
-    "not-flat": lambda: from_suite("bracket", "thick", seed=3, frames=30),
+    "not-flat": lambda: from_suite("key", "block", seed=55, frames=24),
     "not-pinhole": lambda: from_suite("key", "aspect", seed=2, frames=40),
     "tilt-open": lambda: from_suite("bracket", "leave"),
     "not-closing": lambda: from_suite("half-disc", "aside", friction=0.05),

@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 37_518,
-    "src/grasptrack/tracking": 6_682,
+    "src/grasptrack": 37_515,
+    "src/grasptrack/tracking": 6_679,
     "src/grasptrack/servo": 4_865,
     "src/grasptrack/io": 4_825,
     "src/grasptrack/segmentation": 3_830,
@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_245,
     "research": 8_816,
     "native": 6_890,
-    "tests": 38_993,
+    "tests": 39_004,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 192

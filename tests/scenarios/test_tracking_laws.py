@@ -57,16 +57,27 @@ SLIDES = pytest.mark.xfail(
 )
 
 
+DIRT = pytest.mark.xfail(
+    strict=True, reason="the third image is 10 px off: what stands still has not been told from a slow turn"
+)
+
+
 @pytest.mark.parametrize(("kind", "told"), [("thick", True), ("clean-6dof", False)])
 def test_an_object_that_shows_its_sides_is_told_not_to_be_flat(kind: str, told: bool) -> None:
     frames = list(make_scene_cases(built_in(["bracket"]), [kind], frames=30, seed=3)[0].scene())
     tracker = GraspTracker(grasp=chosen_grasp(frames[0].outline))
     results = [tracker.update(frame.image) for frame in frames]
-    assert ("not-flat" in [result.notice for result in results]) == told
+    oblique = [result.tilt for result in results if result.notice == "not-flat"]
+    assert bool(oblique) == told
+    assert all(
+        0.12 * math.sin(tilt) > 0.04 for tilt in oblique
+    )  # of a part 11 % as thick as large: from the front it holds
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("shape", "seed", "frames"), [("half-disc", 91, 40), ("egg", 201, 24)])
+@pytest.mark.parametrize(
+    ("shape", "seed", "frames"), [("half-disc", 91, 40), ("egg", 201, 24), pytest.param("egg", 201, 40, marks=DIRT)]
+)
 def test_a_plain_part_does_not_slide_on_itself(shape: str, seed: int, frames: int) -> None:
     # a projective map carries their outlines nearly into themselves, and what looked like texture along one, or dirt on the
     # lens, told of another motion

@@ -29,7 +29,7 @@ SENTENCES = {
     "false-edge": "later views show no edge where the first one did: a contact lies beside the object",
     # tracked
     "contact-unseen": "a contact has moved unseen for a while: that it moved with the rest is a guess",
-    "not-flat": "the object is not flat: contacts are where they are told only on the outline of its top",
+    "not-flat": "the object is not flat: a contact on a lower edge is off",
     "not-pinhole": "the views fit no camera with square pixels",
     "tilt-open": "no view has told yet how the object's plane is tilted",
     # unstable

@@ -204,10 +204,8 @@ class FadingRatio:
         return self.above / self.below
 
 
-FRONTAL = 0.5
-"""Sine of 30 degrees, of the tilt up to which a contact on a lower edge is to be off by less than what would be wrong."""
 SURE_SD = 2.0
-"""Standard deviations by which an object is thicker than that."""
+"""Standard deviations by which an object is thinner than it seems, at most."""
 SEEN = 0.5
 """Share of the outline under a finger, or of the surface beside it, from which on a contact is seen."""
 FIRST_SPREAD = 12.0
@@ -356,11 +354,10 @@ class TrackState:
         """Of the object, as a share of sqrt(area)."""
         return float(self.nuisance[0]) / self.target.size
 
-    @property
-    def is_thick(self) -> bool:
-        """Whether views show that the object is not flat: what lies on its lower edges is elsewhere than it is told."""
+    def shows_sides(self, tilt: float) -> bool:
+        """Whether a lower edge is surely off by more than a contact may be, in a view that is tilted by so many rad."""
         sd = math.sqrt(self.nuisance_covariance[0, 0]) / self.target.size
-        return self.thickness - SURE_SD * sd > self.numbers.tolerance / FRONTAL
+        return (self.thickness - SURE_SD * sd) * math.sin(tilt) > self.numbers.tolerance
 
     def advance(self, time: float | None) -> None:
         """The next image was taken at a time in s: `steps` usual intervals after the last one, 1 where times are not told."""

@@ -513,8 +513,8 @@ def _located_result(
     state = track.follower.state
     if status == "tracked" and state.sightings.are_stale(found["contacts"], state.numbers):
         reason = StatusReason("contact-unseen")
-    elif status == "tracked" and state.is_thick:
-        reason = StatusReason("not-flat", {"thickness": state.thickness})
+    elif status == "tracked" and state.shows_sides(tilt.angle):
+        reason = reason or StatusReason("not-flat", {"thickness": state.thickness})
     if plane.is_squeezed:
         reason = reason or StatusReason("not-pinhole", {"aspect": plane.aspect})
     return _make_result(
