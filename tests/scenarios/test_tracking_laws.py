@@ -86,6 +86,15 @@ def test_a_plain_part_does_not_slide_on_itself(shape: str, seed: int, frames: in
     assert [f.frame for f in found if f.is_false_accept] == []
 
 
+@pytest.mark.parametrize(("shape", "repeat"), [("bracket", 0), ("egg", 1)])
+def test_what_is_fixed_in_the_image_is_not_the_object(shape: str, repeat: int) -> None:
+    # under a watermark and under the reflection of a ring of lamps surface, and ground, said: at rest
+    case = make_scene_cases(built_in([shape]), ["overlay"], frames=24, seed=11, repeats=repeat + 1)[repeat]
+    found = run_case((case, ("auto",)))["auto"]
+    assert [f.frame for f in found if f.is_false_accept] == []
+    assert shape == "bracket" or sum(f.answered for f in found) > 10  # under the watermark it is lost
+
+
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=SLIDES)])
 def test_the_ground_settles_the_turn_of_a_disc(seed: int) -> None:

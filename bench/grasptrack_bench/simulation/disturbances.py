@@ -284,6 +284,8 @@ ROWS: tuple[tuple[str, str, Group, Happening], ...] = (
     ("h265", "Through H.265 with P-frames, at crf 26 to 36.", "image", kinds.h265),
     ("cheap-camera", "One colour a pixel, noise reduction, sharpening with halos, JPEG.", "image", kinds.cheap_camera),
     ("fixed-marks", "Dirt, black bars, a bezel or a text stand still in the image.", "image", kinds.fixed_marks),
+    ("overlay", "A crosshair, a watermark or a ring of lamps' reflection stands still over the part.", "image",
+     kinds.overlay),
     ("focus", "The focus comes and goes: a blur of 0.7 to 5 px, and back.", "image", kinds.focus),
     ("aspect", "Pixels 0.88 to 1.12 times as wide as high.", "model", kinds.aspect),
     ("hand-camera", "A camera in a free hand: bursts of 14 to 61 px a frame at 1280 px width, and their blur.",

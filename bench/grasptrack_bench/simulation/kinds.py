@@ -122,6 +122,34 @@ def _dirt(s: EffectSetting) -> Overlay:
     return Overlay("lens", partial(drawn.draw_marks, share=share, level=float(s.rng.choice([20.0, 60.0, 200.0]))))
 
 
+def overlay(s: EffectSetting) -> Parts:
+    """What a viewer draws, an agency prints, or a ring of lamps round the lens leaves over the part."""
+    rng, unit = s.rng, s.width / 640.0
+    ink, (x, y) = np.zeros((s.height, s.width), np.uint8), (s.width // 2, s.height // 2)
+    kind, level, opacity, soft = str(rng.choice(["crosshair", "watermark", "ring"])), rng.choice([0, 90, 255]), 1.0, 0.3
+    if kind == "crosshair":
+        gap, wide = round(float(rng.uniform(0.0, 20.0)) * unit), int(rng.integers(1, 4))
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            cv2.line(ink, (x + gap * dx, y + gap * dy), (x + s.width * dx, y + s.width * dy), (255,), wide, cv2.LINE_AA)
+        for radius in rng.uniform(20.0, 150.0, int(rng.integers(0, 4))) * unit:
+            cv2.circle(ink, (x, y), round(float(radius)), (255,), wide, cv2.LINE_AA)
+    elif kind == "watermark":
+        high, opacity = round(float(rng.uniform(50.0, 110.0)) * unit), float(rng.uniform(0.15, 0.5))
+        for k in range(s.height // high + 2):
+            cv2.putText(ink, "SAMPLE   " * 9, (-(k * high) % s.width - s.width, k * high), drawn.FONT, unit, (255,), 3)
+    else:
+        radius, number, level = float(rng.uniform(30.0, 110.0)) * unit, int(rng.choice([8, 12, 24])), 255
+        opacity, soft = float(rng.uniform(0.3, 0.9)), float(rng.uniform(1.5, 5.0)) * unit
+        for angle in np.arange(number) * 2.0 * math.pi / number:
+            at = (round(x + radius * math.cos(angle)), round(y + radius * math.sin(angle)))
+            cv2.circle(ink, at, max(2, round(1.6 * radius / number)), (255,), -1)
+    share = np.asarray(cv2.GaussianBlur(ink.astype(np.float32) * (opacity / 255.0), (0, 0), soft), dtype=np.float32)
+    return {
+        "path": s.course(),
+        "layers": (Overlay("lens", partial(drawn.draw_marks, share=share, level=float(level))),),
+    }
+
+
 def focus(s: EffectSetting) -> Parts:
     """The autofocus hunts: in focus, out, and back, one to three times."""
     times = int(s.rng.integers(1, 4))

@@ -332,14 +332,18 @@ class FusedPose(NamedTuple):
 
 
 class RepeatedPatches(NamedTuple):
-    """Patches that repeat the last image though they moved: no two exposures are alike to the grey level, an encoder left them.
+    """Patches that repeat the last image though they moved.
 
-    Grey levels^2, the sum of what the motion changes of each patch; of those that repeat the last image the sum of that times
-    the square of their way, work px.
+    Attributes:
+        change: grey levels^2, the sum of what the motion changes of each patch.
+        way: of those that repeat the last image to the grey level, as no two exposures do but an encoder does, the sum of that
+            times the square of their way, work px.
+        still: the same of those that rest explains far better than motion, as it does marks in the image.
     """
 
     change: float
     way: float
+    still: float
 
 
 class PinholeMisfit(NamedTuple):

@@ -143,7 +143,7 @@ class Follower:
         levels, predictions, expected = self._predict_next(grey, time)
         state, target, risk = self.state, self.target, self.state.numbers.risk
         first = self.redetection.worth_solving(levels, predictions.first) if state.lost else predictions.first
-        solutions = Solutions(state, levels, expected, first)
+        solutions = Solutions(state, levels, expected, first, predictions.background)
         decision = solutions.decide_among()
         if decision.is_accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
             # texture may have slid along itself
@@ -183,7 +183,7 @@ class Follower:
         """
         levels, predictions, expected = self._predict_next(grey, time)
         state = self.state
-        solutions = Solutions(state, levels, expected, predictions.first)
+        solutions = Solutions(state, levels, expected, predictions.first, predictions.background)
         found = answer = solutions.decide_among()
         if not found.is_accepted:
             self._look_if_gone(levels, predictions, solutions)

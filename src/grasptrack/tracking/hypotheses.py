@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import PoseFlow, seen_area
 from grasptrack.tracking.decision import Decision, Expected, decide_pose
 from grasptrack.tracking.estimator import estimate_pose
-from grasptrack.tracking.evidence import expected_texture, pose_evidence, texture_evidence
+from grasptrack.tracking.evidence import expected_texture, outline_evidence, pose_evidence, texture_evidence
 from grasptrack.tracking.patches import LEAST_NOISE
 from grasptrack.tracking.pose import (
     CONTINUOUS,
@@ -35,6 +36,8 @@ BACKGROUND_EVERY = 4
 """Usual intervals after which it is asked anew whether the object rests on the ground, where its texture tells its motion."""
 AGREE_DISTANCE = 20.1
 """Squared Mahalanobis distance of predictions that agree: 99 % of chi-squared with 8 degrees of freedom."""
+STILL_FROM, STILL_SHARE = 1.0, 0.25
+"""px that something else has moved, from which on what stands still may be the image's own, and share of that which is rest."""
 LEAST_SHARE = 1e-12
 """Of the largest variance, that along an axis at least, where a covariance is inverted."""
 LEAST_OF_USUAL = 0.5
@@ -91,7 +94,7 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
         # without noise of a camera's own an encoder has changed the images
         step = flow.P * max(1.0, state.flow_misfit.value)
         far = state.P + step if target.noise > LEAST_NOISE else add_alike(state.P, step)
-        P = far + Q * numbers.predicted**2 + np.diag(state.surface_lag)
+        P = far + Q * numbers.predicted**2 + np.diag(state.flow_lag)
         hypothesis = Hypothesis("texture", flow.G, P)
         first = [hypothesis]
         if even is not None:
@@ -175,13 +178,22 @@ class Solutions:
         levels: the image's pyramid.
         expected: what continuity says of the image.
         hypotheses: to begin with.
+        background: (3, 3) where the ground has the object; None where that is not known.
 
     Attributes:
         found: one estimate of each hypothesis that has one.
         expected: as given; more may become known.
     """
 
-    def __init__(self, state: TrackState, levels: list[Grey], expected: Expected, hypotheses: list[Hypothesis]) -> None:
+    def __init__(
+        self,
+        state: TrackState,
+        levels: list[Grey],
+        expected: Expected,
+        hypotheses: list[Hypothesis],
+        background: Floats | None = None,
+    ) -> None:
+        self._background = background
         self.found: list[PoseEstimate] = []
         self.expected = expected
         self._state, self._levels = state, levels
@@ -242,21 +254,48 @@ class Solutions:
         the one where it was, a cover or a shadow carries the other off. What later views seldom showed of the first outline
         is no witness; where less of the rest lies elsewhere it agrees with the surface.
         """
-        state, target = self._state, self._state.target
-        shown, least = float(state.shown.sum()), state.numbers.contradicted
+        state, target, numbers = self._state, self._state.target, self._state.numbers
+        shown, least = float(state.shown.sum()), numbers.contradicted
         own = float(state.shown @ estimate.other) / shown if shown > least * len(state.shown) else estimate.elsewhere
-        if own < least or not estimate.texture_agreeing:
+        ground = self._background
+        if ground is not None and not self._stands_still(estimate, ground):
+            ground = None
+        if (own < least and ground is None) or not estimate.texture_agreeing:
             return estimate
-        alone = Hypothesis(estimate.origin, estimate.G, estimate.P + ALONE**2 * target.noise_of_motion)
+        start = estimate.G
+        if ground is not None or self._stands_still(estimate, state.last.G):
+            start = state.last.G if ground is None else ground
+        alone = Hypothesis(estimate.origin, start, estimate.P + ALONE**2 * target.noise_of_motion)
         other = estimate_pose(state, self._levels, alone, still=still, surface=False)
-        if other is None or lead_alike(target, other, estimate) or not self._is_whole(other):
+        if other is None or lead_alike(target, other, estimate):
             return estimate
-        gain = min(max(pose_evidence(state, other) - pose_evidence(state, estimate), -MAX_LOG_ODDS), MAX_LOG_ODDS)
-        fails = state.numbers.witness_fails
+        covered = max(estimate.hidden, other.hidden) > numbers.elsewhere
+        if ground is not None or (not covered and self._stands_still(estimate, other.G)):
+            # what is fixed in the image explains a surface at rest as well as the object does
+            gain, fails = outline_evidence(other, numbers) - outline_evidence(estimate, numbers), numbers.risk
+            if gain < math.log(fails):
+                return estimate
+        elif not self._is_whole(other):
+            return estimate
+        else:
+            gain, fails = pose_evidence(state, other) - pose_evidence(state, estimate), numbers.witness_fails
+        gain = min(max(gain, -MAX_LOG_ODDS), MAX_LOG_ODDS)
         right = min(max(1.0 / (1.0 + math.exp(-gain)), fails), 1.0 - fails)
-        better, worse, left = (other, estimate, 1.0 - right) if right > 0.5 else (estimate, other, right)
-        found: PoseEstimate = target.handle.unsure(better, worse, left)
+        better, worse, less = (other, estimate, 1.0 - right) if right > 0.5 else (estimate, other, right)
+        found: PoseEstimate = target.handle.unsure(better, worse, less)
         return changed_estimate(found, confirmed=estimate.confirmed)
+
+    def _stands_still(self, estimate: PoseEstimate, elsewhere: Floats) -> bool:
+        """Whether an answer leaves the object where the first or last image had it, while another pose (3, 3) moves it on."""
+        target = self._state.target
+        middle = target.centre[None]
+
+        def at(G: Floats) -> Floats:
+            return np.asarray(apply_homography(G, middle)[0])
+
+        now, there = at(estimate.G), at(elsewhere)
+        ways = ((math.dist(there, before), math.dist(now, before)) for before in (at(self._state.last.G), at(target.A)))
+        return any(way > STILL_FROM and own < STILL_SHARE * way for way, own in ways)
 
     def _is_whole(self, outline: PoseEstimate) -> bool:
         """Whether what the outline says alone hangs together, and fixes every contact: else it is no witness."""

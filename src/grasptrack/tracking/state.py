@@ -245,6 +245,7 @@ class TrackState:
         presence: probability that the object is there.
         sightings: of the contacts.
         stale: work px^2, how far patches lag that lag together, as far as a video's encoder leaves them as they were.
+        fixed: work px^2, the same of patches that stand still in the image, as marks on the lens do: so far motion may lag.
         flow_misfit: squared distances of the surface's motion from what outline and first view then say, by their expectation.
         shown: (N,) 0 to 1: how much of each sample of the outline accepted images showed on average, once the object had moved.
         shown_in: so many of them.
@@ -290,6 +291,7 @@ class TrackState:
     time: float | None
     interval: float | None = None
     stale: FadingRatio = field(default_factory=lambda: FadingRatio(0.0, STALE_PRIOR))
+    fixed: FadingRatio = field(default_factory=lambda: FadingRatio(0.0, STALE_PRIOR))
     flow_misfit: FadingRatio = field(default_factory=lambda: FadingRatio(FLOW_PRIOR, FLOW_PRIOR))
     shown: Floats = field(default_factory=nothing_visible)
     shown_in: int = 0
@@ -345,9 +347,16 @@ class TrackState:
     @property
     def surface_lag(self) -> Floats:
         """(8,) variances of the pose's error that the surface's patches share."""
-        numbers, target = self.numbers, self.target
-        share = self.stale.value / (numbers.drift * target.size) ** 2
-        return np.asarray(np.diagonal(target.noise_of_motion) * share, dtype=np.float64)
+        return self._common_error(self.stale.value)
+
+    @property
+    def flow_lag(self) -> Floats:
+        """(8,) variances of the error that the surface's motion has where some of what it shows is the image's own."""
+        return self._common_error(max(self.stale.value, self.fixed.value))
+
+    def _common_error(self, lag: float) -> Floats:
+        share = lag / (self.numbers.drift * self.target.size) ** 2
+        return np.asarray(np.diagonal(self.target.noise_of_motion) * share, dtype=np.float64)
 
     @property
     def thickness(self) -> float:
