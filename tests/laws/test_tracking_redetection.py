@@ -4,14 +4,16 @@
 import math
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import pytest
 
+from grasptrack import GraspTracker
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.pose import Hypothesis, max_contact_distance
-from grasptrack.tracking.redetection import MATCHED, MAX_SOLVED, MAX_WAYS, wide_prior
+from grasptrack.tracking.redetection import MATCHED, MAX_SOLVED, MAX_WAYS, Keypoints, wide_prior
 from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.simulation import SHAPES, Shape
 from stages import HEIGHT, WIDTH, bar, photo, pose
@@ -19,6 +21,8 @@ from stages import HEIGHT, WIDTH, bar, photo, pose
 FIRST = pose(160.0, 120.0, -40.0)
 AWAY, SOON = 10, 5
 """Images without the object, and those within which it is found again."""
+SIDE, STEP, BLURRED = 30, 5.0, 12
+"""px, side of a pack; px that a belt carries it a frame; the image that is out of focus."""
 FLAT = np.full((HEIGHT, WIDTH), 128, np.uint8)
 
 
@@ -137,3 +141,60 @@ def test_what_slides_along_itself_keeps_its_tilt() -> None:
         moved = target.homography(h.G) @ np.linalg.inv(target.homography(state.located.G))
         assert abs(moved[2, :2] / moved[2, 2]).max() < 1e-9
         assert max_contact_distance(target.carried_contacts(h.G), scene.at(H)) < 3.0
+
+
+def images_of_a_pack(seed: int) -> list[np.ndarray]:
+    """A soft, small pack on an even belt."""
+    rng = np.random.default_rng(seed)
+    pack = cv2.GaussianBlur(rng.uniform(60, 160, (SIDE, int(1.3 * SIDE))).astype(np.float32), (0, 0), 2.0)
+    pack = (pack - pack.mean()) * 2.0 + 110.0
+    images = []
+    for k in range(24):
+        place = np.array([[1.0, 0.0, 250.0 - STEP * k], [0.0, 1.0, 100.0 + 0.3 * k]])
+        share = cv2.warpAffine(np.ones_like(pack), place, (320, 240))
+        image = cv2.GaussianBlur(70.0 * (1.0 - share) + cv2.warpAffine(pack, place, (320, 240)), (0, 0), 1.5)
+        image = cv2.blur(image, (31, 31)) if k == BLURRED else image
+        images.append(np.clip(image + rng.normal(0.0, 2.0, image.shape), 0, 255).astype(np.uint8))
+    return images
+
+
+@pytest.mark.parametrize("seed", [2, 3, 5])
+def test_what_moves_on_evenly_is_found_on_its_way(seed: int) -> None:
+    """Its print is weak: what each image shows of it is not sure alone, but that it goes on its way shows it anew."""
+    tracker = GraspTracker(object_at=(250.0 + 0.65 * SIDE, 100.0 + 0.5 * SIDE))
+    results = [tracker.update(image, time=k / 30.0) for k, image in enumerate(images_of_a_pack(seed))]
+    assert not results[BLURRED].located
+    for k in range(BLURRED + 3, len(results)):
+        now, first = results[k].contacts, results[0].contacts
+        assert now is not None and first is not None
+        assert now - first == pytest.approx(np.tile([-STEP * k, 0.3 * k], (2, 1)), abs=1.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_print_is_found_smaller_and_turned_among_stronger_corners(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    card = np.full((124, 174), 200, np.uint8)
+    for x, y, wide, high in rng.uniform((12, 12, 3, 3), (150, 100, 14, 10), (120, 4)).astype(int).tolist():
+        cv2.rectangle(card, (x, y), (x + wide, y + high), (int(rng.uniform(60, 190)),), -1)
+    ground = cv2.resize(rng.uniform(0, 255, (30, 40)), (640, 480), interpolation=cv2.INTER_NEAREST)
+
+    def seen(H: np.ndarray) -> np.ndarray:
+        share = cv2.warpAffine(np.ones(card.shape), H[:2], (640, 480), flags=cv2.INTER_AREA)
+        image = ground * (1.0 - share) + cv2.warpAffine(card, H[:2], (640, 480)) * share
+        return np.clip(cv2.GaussianBlur(image, (0, 0), 0.8) + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8)
+
+    corners = np.array([[0.0, 0.0], [173.0, 0.0], [173.0, 123.0], [0.0, 123.0]])
+    first, now = (pose_of_card(x, degrees, scale) for x, degrees, scale in ((120.0, 5.0, 1.0), (400.0, 60.0, 0.7)))
+    view = View([outline(apply_homography(first, corners))])
+    target = Follower(seen(first), view, apply_homography(first, corners[[0, 2]])).target
+    G = Keypoints(target, build_pyramid(seen(first))).find_pose(build_pyramid(seen(now)))
+    assert G is not None
+    places = apply_homography(target.homography(G) @ first, corners)
+    assert places == pytest.approx(apply_homography(now, corners), abs=3.0)
+
+
+def pose_of_card(x: float, degrees: float, scale: float) -> np.ndarray:
+    """(3, 3) from the card's px to the image's."""
+    H = np.eye(3)
+    H[:2] = cv2.getRotationMatrix2D((87.0, 62.0), degrees, scale) + np.array([[0.0, 0.0, x], [0.0, 0.0, 150.0]])
+    return H

@@ -152,6 +152,8 @@ class Expected(NamedTuple):
         steps: how long it may have gone unseen, in frames of free motion.
         size: how large it would be anywhere in the image; None where that is not known.
         taken: as `steps`, if what hid it took it along.
+        coasting: (k, 2) px where it had the contacts if it moved on evenly after it was lost; None where that is not known.
+        strayed: how far it may have left that, in what an unseen object goes in a frame.
         turned: log of the prior of what may have turned so, instead of place, turn and size.
     """
 
@@ -160,6 +162,8 @@ class Expected(NamedTuple):
     steps: float
     size: ExpectedSize | None = None
     taken: float = 0.0
+    coasting: Floats | None = None
+    strayed: float = 0.0
     turned: Callable[[PoseEstimate], float] | None = None
 
 
@@ -195,18 +199,24 @@ class ExpectedSize(NamedTuple):
         return (size / math.hypot(self.spread, DEPTH_POWER * self.slope * away)) ** 2
 
 
+def squared_way(estimate: PoseEstimate, contacts: Floats, numbers: Numbers) -> float:
+    """How far an estimate is from contacts (k, 2) px in place and turn: squares of what an object goes in a frame unseen."""
+    # number by number: of so few NumPy's calls would cost more
+    (x, y), (u, v) = estimate.middle, mean_point(contacts)
+    across = along = 0.0
+    for (ax, ay), (bx, by) in zip(estimate.contacts.tolist(), contacts.tolist(), strict=True):
+        across += (bx - u) * (ay - y) - (by - v) * (ax - x)
+        along += (ax - x) * (bx - u) + (ay - y) * (by - v)
+    turn, away = math.atan2(across, along), (x - u) ** 2 + (y - v) ** 2
+    return float(away / (numbers.travel**2 * estimate.area) + (turn / numbers.turn) ** 2)
+
+
 def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) -> float:
     """Log of the prior of a pose's place, turn and size: how far it is from what is expected."""
     if expected.turned is not None and estimate.origin in (TURNED, TRIED):
         return expected.turned(estimate)
-    # number by number: of so few NumPy's calls would cost more
     (x, y), (u, v) = estimate.middle, mean_point(expected.contacts)
-    across = along = 0.0
-    for (ax, ay), (bx, by) in zip(estimate.contacts.tolist(), expected.contacts.tolist(), strict=True):
-        across += (bx - u) * (ay - y) - (by - v) * (ax - x)
-        along += (ax - x) * (bx - u) + (ay - y) * (by - v)
-    turn, away = math.atan2(across, along), (x - u) ** 2 + (y - v) ** 2
-    share = away / (numbers.travel**2 * estimate.area) + (turn / numbers.turn) ** 2
+    share = squared_way(estimate, expected.contacts, numbers)
     nu, size = numbers.prior_freedom, 0.0
     if expected.size is not None:
         size = expected.size.squared_deviation(estimate, (u, v), (x, y))
@@ -214,9 +224,13 @@ def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) ->
     def log_density(steps: float) -> float:
         return -0.5 * (nu + PLACE_FREEDOMS) * math.log1p((share / steps**2 + size) / nu)
 
-    if expected.taken <= expected.steps:
-        return log_density(expected.steps)
-    return float(np.logaddexp(log_density(expected.steps), math.log(numbers.taken) + log_density(expected.taken)))
+    density = log_density(expected.steps)
+    if expected.taken > expected.steps:
+        density = _log_add_exp(density, math.log(numbers.taken) + log_density(expected.taken))
+    if expected.coasting is not None:
+        share = squared_way(estimate, expected.coasting, numbers)
+        density = math.log(0.5) + _log_add_exp(density, log_density(expected.strayed))
+    return density
 
 
 def lookalike_probability(state: TrackState, estimate: PoseEstimate, expected: Expected) -> float:

@@ -339,17 +339,22 @@ class Follower:
         state, target, numbers = self.state, self.target, self.state.numbers
         passed = max(1.0, state.steps)
         if not state.lost:
-            unseen, adrift = passed, 0.0 if predictions.background is not None else passed
+            unseen, adrift = passed * state.pace, 0.0 if predictions.background is not None else passed
         elif predictions.background is not None and state.anchored:
             unseen, adrift = state.unseen + state.wander, 0.0
         else:
-            unseen, adrift = state.unseen + passed, state.adrift + passed
+            unseen, adrift = state.unseen + passed * state.pace, state.adrift + passed
         G = self._expected_pose(predictions)
         spread = math.hypot(numbers.stretch_rate, numbers.stretch_rate * unseen, numbers.swell * adrift)
         size = ExpectedSize.of(target, G, state.slope, spread)
         presence = min(max(state.presence * (1.0 - numbers.hazard), numbers.redetected), 1.0 - numbers.hazard)
         steps, taken = ANYWHERE_STEPS if state.gone else unseen, state.lost + passed if state.lost else 0.0
-        return Expected(target.carried_contacts(G), presence, steps, size, taken)
+        expected = Expected(target.carried_contacts(G), presence, steps, size, taken)
+        coasted = state.coasted() if state.lost else None
+        if coasted is None or state.coasting is None:
+            return expected
+        strayed = (state.coasting.steps + passed) * math.sqrt(state.strays.value)
+        return expected._replace(coasting=target.carried_contacts(coasted), strayed=strayed)
 
     def _expected_pose(self, predictions: Predictions) -> Floats:
         """(3, 3) where it is expected: as it moved, or, once it is lost, where the background has its place."""

@@ -82,6 +82,8 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
         state.lost
     ):  # what was found since was not believed, and what moves before the background may have carried it along
         rest.append(Hypothesis("at rest", state.located.G, free))
+        if (coasted := state.coasted()) is not None:
+            rest.append(Hypothesis("moving on", coasted, free))
     even = None
     if state.velocity is not None and not state.lost:
         even = np.asarray(target.handle.moved(state.last.G, state.velocity * state.steps), dtype=np.float64)

@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 
-from grasptrack.tracking.decision import Decision
+from grasptrack.tracking.decision import Decision, squared_way
 from grasptrack.tracking.evidence import agreeing_share, contact_testimony, outline_surprisal
 from grasptrack.tracking.hypotheses import Predictions
 from grasptrack.tracking.pose import CONTINUOUS, Look, PoseEstimate, is_at, mean_point
-from grasptrack.tracking.state import SHORTEST_STEP, TrackState, nothing_visible
+from grasptrack.tracking.state import SHORTEST_STEP, Coasting, TrackState, nothing_visible
 from grasptrack.tracking.target import Grey
 
 EXCHANGE_SEEN = 0.7
@@ -59,7 +59,7 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
         state.stale.add(repeated.way, repeated.change)
         state.fixed.add(repeated.still, repeated.change)
     state.last, state.visible, state.P = Look(levels, e.G), e.visible, e.P
-    state.presence = _clamp(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
+    state.presence, state.coasting = _clamp(decision.presence, numbers.redetected, 1.0 - numbers.hazard), None
     state.expected, state.anchored, state.unseen, state.adrift, state.lost = e.G, True, 0.0, 0.0, 0
     if decision.is_accepted or decision.code == "outline-open":
         state.sightings.add(e.contacts, contact_testimony(state, e), state.passed_s, numbers)
@@ -101,6 +101,11 @@ def lose(
     state.lookalike = state.lookalike or lookalike
     state.sightings.since_s += state.passed_s
     e, background = decision.estimate, predictions.background
+    if not state.lost:
+        state.coasting = None if state.velocity is None else Coasting(state.last.G, state.velocity)
+    most = 1.0 - state.numbers.hazard if _moves_on(state, decision) else UNSURE_PRESENCE
+    if state.coasting is not None:
+        state.coasting = state.coasting._replace(steps=state.coasting.steps + state.steps)
     state.lost += 1
     seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > EXCHANGE_SEEN
     state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
@@ -127,12 +132,24 @@ def lose(
     else:
         passed = 0.0 if at_place else max(1.0, state.steps)
         state.adrift += passed
-        state.unseen += passed
+        state.unseen += passed * state.pace
         state.last = Look(levels, state.last.G if e is None else e.G)
-    # what looks like it elsewhere looks like it again and again: that makes it no surer
-    state.presence = _clamp(decision.presence, state.numbers.redetected, UNSURE_PRESENCE)
+    state.presence = _clamp(decision.presence, state.numbers.redetected, most)
     if e is not None:
         state.P = e.P
+
+
+def _moves_on(state: TrackState, decision: Decision) -> bool:
+    """Whether what an image shows lies where even motion has a lost object, and has moved by more than a contact may be off.
+
+    What looks like it elsewhere looks like it again and again: that makes it no surer. What goes on its way shows itself anew.
+    """
+    e, coasted = decision.estimate, state.coasted()
+    if e is None or coasted is None:
+        return False
+    there = mean_point(state.target.carried_contacts(coasted))
+    before = mean_point(state.target.carried_contacts(state.last.G))
+    return math.dist(e.middle, there) < decision.tolerance < math.dist(there, before)
 
 
 def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predictions) -> None:
@@ -143,12 +160,16 @@ def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predic
         share = float(off**2 @ target.precision_of_motion) / len(off)
         if math.isfinite(share):
             state.moves += 1
+            state.strays.add(squared_way(estimate, target.carried_contacts(predictions.even), state.numbers), 1.0)
             state.agility = _clamp(_updated_mean(state.agility, share, state.moves), LEAST_AGILITY, 1.0)
     if background is not None and not state.lost:
         away = math.dist(estimate.middle, mean_point(target.carried_contacts(background)))
         share = away / math.sqrt(estimate.area) / state.numbers.travel
         state.wanders += 1
         state.wander = _clamp(_updated_mean(state.wander, share, state.wanders), LEAST_WANDER, 1.0)
+    if not state.lost:
+        before = target.carried_contacts(state.last.G)
+        state.ways.add(squared_way(estimate, before, state.numbers) / max(state.steps, SHORTEST_STEP) ** 2, 1.0)
     usual, passed = math.log(state.usual_s or state.passed_s), math.log(state.passed_s)
     state.usual_s = math.exp(_updated_mean(usual, passed, state.accepted + 1))
     expected = predictions.first[0]

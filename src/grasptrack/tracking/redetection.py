@@ -26,8 +26,8 @@ from grasptrack.typing import Floats
 
 MIN_KEYPOINTS = 8
 """Keypoints that a pose must rest on."""
-MAX_KEYPOINTS, FAST_THRESHOLD = 1200, 8
-"""Keypoints of an image, half as many on each coarser level, and the grey levels that make a corner of them."""
+MAX_KEYPOINTS, KEYPOINT_CONTRAST = 2000, 0.02
+"""Keypoints of an image, the strongest ones, and the contrast of one at least: half of SIFT's own, for small print."""
 BETTER_MATCH = 0.8
 """Distance of a match over that to the second best, at most."""
 KEYPOINT_REACH = 4.0
@@ -53,7 +53,7 @@ GUESSED_SHAPE = 0.03
 MATCHED = "matched"
 """Origin of a hypothesis that lays the whole outline on one that was found."""
 KEYPOINT_SIZE = 62.0
-"""px, sqrt(area) that is left to an object when images are halved for keypoints: two of their own patches, of 31 px."""
+"""px, sqrt(area) that is left to an object when images are halved for keypoints: enough for a hundred of them on print."""
 SCORE_SAMPLES = 64
 """Samples of the outline for a first score."""
 STRENGTH_KEPT = 0.25
@@ -82,12 +82,14 @@ class Keypoints:
 
     Args:
         target: the object.
-        grey: (H, W) the first image, or a level of its pyramid.
-        level: which.
+        levels: pyramid of the first image; they are looked for in the level that shows the object large enough.
     """
 
-    def __init__(self, target: Target, grey: Grey, level: int = 0) -> None:
-        self._target, self._level = target, level
+    def __init__(self, target: Target, levels: list[Grey]) -> None:
+        level = 0
+        while level + 1 < len(levels) and math.sqrt(target.area) >= KEYPOINT_SIZE * 2.0 ** (level + 1):
+            level += 1
+        self._target, self._level, grey = target, level, levels[level]
         self._enlarge = np.diag([2.0**level, 2.0**level, 1.0])
         mask = np.zeros_like(grey)
         cv2.fillPoly(mask, [np.round(target.view.outer.points / 2.0**level).astype(np.int32)], 255)
@@ -96,17 +98,16 @@ class Keypoints:
 
     def _detect_keypoints(self, grey: Grey, mask: Grey | None = None) -> Any:
         """Keypoints of an image and their descriptions."""
-        detector = cv2.ORB.create(MAX_KEYPOINTS >> self._level, fastThreshold=FAST_THRESHOLD)
-        return detector.detectAndCompute(grey, mask)
+        return cv2.SIFT.create(MAX_KEYPOINTS, contrastThreshold=KEYPOINT_CONTRAST).detectAndCompute(grey, mask)
 
-    def find_pose(self, grey: Grey) -> Floats | None:
-        """(3, 3) a pose on which enough keypoints of an image (H, W), at the same level, agree, or None."""
+    def find_pose(self, levels: list[Grey]) -> Floats | None:
+        """(3, 3) a pose on which enough keypoints of an image's pyramid agree, or None."""
         if self._descriptors is None or len(self._descriptors) < MIN_KEYPOINTS:
             return None
-        points, descriptors = self._detect_keypoints(grey)
+        points, descriptors = self._detect_keypoints(levels[self._level])
         if descriptors is None or len(points) < MIN_KEYPOINTS:
             return None
-        pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(self._descriptors, descriptors, k=2)
+        pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(self._descriptors, descriptors, k=2)
         good = [a for a, b in (p for p in pairs if len(p) == 2) if a.distance < BETTER_MATCH * b.distance]
         if len(good) < MIN_KEYPOINTS:
             return None
@@ -267,10 +268,7 @@ class Redetection:
         self, target: Target, levels: list[Grey], observer: OutlineDetector | None = None, hidden: Grey | None = None
     ) -> None:
         self._target = target
-        self._level = 0
-        while self._level + 1 < len(levels) and math.sqrt(target.area) >= KEYPOINT_SIZE * 2.0 ** (self._level + 1):
-            self._level += 1
-        self._keypoints = Keypoints(target, levels[self._level], self._level)
+        self._keypoints = Keypoints(target, levels)
         self._outlines = Outlines(target, levels[0], observer, hidden)
         every = max(1, len(target.points) // SCORE_SAMPLES)
         self._points = np.ascontiguousarray(target.points[::every])
@@ -283,16 +281,16 @@ class Redetection:
         """Hypotheses that continuity did not give, worth solving, the most promising first.
 
         What was sighted in the image before, and outlines by the learned grey levels, cost little and are looked at in each
-        image. The last look, the keypoints and what else may show outlines take turns, which `lost` counts, but for the first
-        image after a loss, which gets both of the former: they find most.
+        image. Keypoints are looked for in the first two images of a loss and in every other one, the last look and what else
+        may show outlines in every third.
         """
         target, turn, wide = self._target, state.lost, wide_prior(self._target)
         found = self.promising(levels, self.matches_in(state.located, levels, turn, thorough=turn % 3 == 2), MAX_WAYS)
         others = [] if state.sighted is None else [Hypothesis("sighted", state.sighted, wide)]
         if turn % 3 == 0:
             others += [Hypothesis("shifted", G, wide) for G in shifted_looks(target, state.located, levels)]
-        if turn % 3 == 1 or not turn:
-            G = self._keypoints.find_pose(levels[self._level])
+        if turn < 2 or turn % 2 == 0:
+            G = self._keypoints.find_pose(levels)
             if G is not None:
                 others.append(Hypothesis("keypoints", G, wide))
         return found + self.promising(levels, [h for h in others if not self._is_known(h, found)])

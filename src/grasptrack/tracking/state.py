@@ -137,6 +137,8 @@ class Shutter:
 
 STALE_PRIOR, FLOW_PRIOR = 10.0, 2.0
 """Grey levels^2 that count for new before the first image, and freedoms that count for as far off as is told."""
+WAYS_PRIOR = 2.0
+"""Images that count for as far as an unseen object goes, before the first that show how far it goes."""
 MEMORY_SHARE = 0.9
 """Share of a sum over images that is left an image later."""
 FRAME_S = 1.0 / 30.0
@@ -217,6 +219,20 @@ def nothing_visible() -> Floats:
     return np.empty(0)
 
 
+class Coasting(NamedTuple):
+    """Where a lost object was when it was seen last, and how it moved.
+
+    Attributes:
+        G: (3, 3) its pose then.
+        velocity: (8,) the pose's change in a usual interval.
+        steps: usual intervals from then to the last image.
+    """
+
+    G: Floats
+    velocity: Floats
+    steps: float = 0.0
+
+
 @dataclass
 class TrackState:
     """Where the object is, what is known of camera and part, and how sure that is.
@@ -261,6 +277,9 @@ class TrackState:
         confirmed: strangeness of the last image, if other hypotheses led to the same answer there.
         agility: mean square by which even motion was off of late, in process noise; moves: how often that was measured.
         anchored: the background carried it ever since, so that the last look is where it is expected.
+        ways: squares of how far it went in the image, a frame, as `decision.squared_way` measures them.
+        strays: the same of how far it was from where even motion had it.
+        coasting: how it would go on moving, once it is lost; None where its motion was not known.
         wander: how far it left its place on the background of late, a frame, in `Numbers.travel`; wanders: how often that was
             measured.
         unseen: how far it may have gone since it was located, likewise.
@@ -314,7 +333,10 @@ class TrackState:
     confirmed: float = 0.0
     agility: float = 1.0
     moves: int = 0
+    strays: FadingRatio = field(default_factory=lambda: FadingRatio(WAYS_PRIOR, WAYS_PRIOR))
+    coasting: Coasting | None = None
     anchored: bool = True
+    ways: FadingRatio = field(default_factory=lambda: FadingRatio(WAYS_PRIOR, WAYS_PRIOR))
     wander: float = 1.0
     wanders: int = 0
     unseen: float = 0.0
@@ -337,6 +359,19 @@ class TrackState:
     def delay(self) -> float:
         """How much longer than usual nothing was seen, 1 at least: jitter of the time stamps is no delay."""
         return 1.0 if self.usual_s is None else max(1.0, self.passed_s / self.usual_s)
+
+    @property
+    def pace(self) -> float:
+        """How far it goes in the image in a usual interval, in what an unseen object goes in a frame, which is the least."""
+        return math.sqrt(max(1.0, self.ways.value))
+
+    def coasted(self) -> Floats | None:
+        """(3, 3) where a lost object would be in the next image, had it moved on evenly; None where that is not known."""
+        if self.coasting is None:
+            return None
+        G, velocity, steps = self.coasting
+        moved = np.asarray(self.target.handle.moved(G, velocity * (steps + self.steps)), dtype=np.float64)
+        return moved if math.isfinite(float(moved.sum())) else None
 
     @property
     def drifted(self) -> float:
