@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 37_643,
-    "src/grasptrack/tracking": 6_803,
+    "src/grasptrack": 37_646,
+    "src/grasptrack/tracking": 6_806,
     "src/grasptrack/servo": 4_865,
     "src/grasptrack/io": 4_825,
     "src/grasptrack/segmentation": 3_830,

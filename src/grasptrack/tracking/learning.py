@@ -11,6 +11,7 @@ from grasptrack.tracking.hypotheses import Predictions
 from grasptrack.tracking.pose import CONTINUOUS, Look, PoseEstimate, is_at, mean_point
 from grasptrack.tracking.state import SHORTEST_STEP, Coasting, TrackState, nothing_visible
 from grasptrack.tracking.target import Grey
+from grasptrack.typing import Floats
 
 EXCHANGE_SEEN = 0.7
 """Share of the outline that shows from which on what shows another shape lies in the place of the object."""
@@ -103,7 +104,7 @@ def lose(
     e, background = decision.estimate, predictions.background
     if not state.lost:
         state.coasting = None if state.velocity is None else Coasting(state.last.G, state.velocity)
-    most = 1.0 - state.numbers.hazard if _moves_on(state, decision) else UNSURE_PRESENCE
+    most = 1.0 - state.numbers.hazard if _moves_on(state, decision, predictions.background) else UNSURE_PRESENCE
     if state.coasting is not None:
         state.coasting = state.coasting._replace(steps=state.coasting.steps + state.steps)
     state.lost += 1
@@ -139,17 +140,19 @@ def lose(
         state.P = e.P
 
 
-def _moves_on(state: TrackState, decision: Decision) -> bool:
-    """Whether what an image shows lies where even motion has a lost object, and has moved by more than a contact may be off.
+def _moves_on(state: TrackState, decision: Decision, background: Floats | None) -> bool:
+    """Whether what an image shows of a lost object lies where even motion has it, and moves against the ground.
 
-    What looks like it elsewhere looks like it again and again: that makes it no surer. What goes on its way shows itself anew.
+    What looks like it in one place looks like it again and again, as the ground does that a camera passes: that makes it no
+    surer. What leaves the ground under it, in an image by more than a contact may be off, shows itself anew.
     """
-    e, coasted = decision.estimate, state.coasted()
-    if e is None or coasted is None:
+    e, coasted, coasting = decision.estimate, state.coasted(), state.coasting
+    if e is None or coasted is None or coasting is None:
         return False
-    there = mean_point(state.target.carried_contacts(coasted))
-    before = mean_point(state.target.carried_contacts(state.last.G))
-    return math.dist(e.middle, there) < decision.tolerance < math.dist(there, before)
+    rests = state.last.G if background is None else background
+    steps = state.steps if background is None or not state.anchored else coasting.steps + state.steps
+    there, resting = (mean_point(state.target.carried_contacts(G)) for G in (coasted, rests))
+    return math.dist(e.middle, there) < decision.tolerance < math.dist(there, resting) / max(steps, SHORTEST_STEP)
 
 
 def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predictions) -> None:
