@@ -170,6 +170,19 @@ def test_what_moves_on_evenly_is_found_on_its_way(seed: int) -> None:
         assert now - first == pytest.approx(np.tile([-STEP * k, 0.3 * k], (2, 1)), abs=1.0)
 
 
+@pytest.mark.parametrize("name", ["hex-nut", "star"])
+def test_motion_tells_its_turn_after_a_blurred_image(name: str) -> None:
+    shape, places = SHAPES[name](), [pose(50.0 + 13.0 * k, 120.0, 2.0 * k) for k in range(16)]
+    contacts = shape.outer[[0, len(shape.outer) // 2]]
+    first = [outline(apply_homography(places[0], p), k > 0) for k, p in enumerate(shape.polygons)]
+    follower = Follower(photo([(shape, places[0])]), View(first), apply_homography(places[0], contacts))
+    for k in range(1, 16):
+        image = photo([(shape, places[k])], seed=k)
+        decision = follower.update(cv2.blur(image, (41, 41)) if k == 10 else image)
+    assert decision.is_accepted and decision.estimate is not None
+    assert max_contact_distance(decision.estimate.contacts, apply_homography(places[15], contacts)) < 3.0
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_print_is_found_smaller_and_turned_among_stronger_corners(seed: int) -> None:
     rng = np.random.default_rng(seed)

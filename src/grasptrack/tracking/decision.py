@@ -229,7 +229,7 @@ def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) ->
         density = _log_add_exp(density, math.log(numbers.taken) + log_density(expected.taken))
     if expected.coasting is not None:
         share = squared_way(estimate, expected.coasting, numbers)
-        density = math.log(0.5) + _log_add_exp(density, log_density(expected.strayed))
+        density = _log_add_exp(math.log(numbers.taken) + density, log_density(expected.strayed))
     return density
 
 

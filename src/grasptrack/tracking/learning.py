@@ -105,8 +105,12 @@ def lose(
     if not state.lost:
         state.coasting = None if state.velocity is None else Coasting(state.last.G, state.velocity)
     most = 1.0 - state.numbers.hazard if _moves_on(state, decision, predictions.background) else UNSURE_PRESENCE
-    if state.coasting is not None:
-        state.coasting = state.coasting._replace(steps=state.coasting.steps + state.steps)
+    if state.coasting is not None and (coasted := state.coasted()) is not None:
+        (x, y), (height, width) = mean_point(state.target.carried_contacts(coasted)), levels[0].shape
+        on = state.coasting._replace(steps=state.coasting.steps + state.steps)
+        state.coasting = (
+            on if 0.0 <= x < width and 0.0 <= y < height else None
+        )  # what left the image comes back otherwise
     state.lost += 1
     seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > EXCHANGE_SEEN
     state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
