@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 37_650,
-    "src/grasptrack/tracking": 6_810,
+    "src/grasptrack": 37_661,
+    "src/grasptrack/tracking": 6_821,
     "src/grasptrack/servo": 4_865,
     "src/grasptrack/io": 4_825,
     "src/grasptrack/segmentation": 3_830,

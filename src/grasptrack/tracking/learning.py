@@ -102,8 +102,10 @@ def lose(
     state.lookalike = state.lookalike or lookalike
     state.sightings.since_s += state.passed_s
     e, background = decision.estimate, predictions.background
-    if not state.lost:
-        state.coasting = None if state.velocity is None else Coasting(state.last.G, state.velocity)
+    if not state.lost and state.velocity is not None:
+        state.coasting = Coasting(state.last.G, state.velocity)
+        if _away_from_rest(state, predictions.background) <= decision.tolerance:  # it rests, or may have
+            state.coasting = None
     most = 1.0 - state.numbers.hazard if _moves_on(state, decision, predictions.background) else UNSURE_PRESENCE
     if state.coasting is not None and (coasted := state.coasted()) is not None:
         (x, y), (height, width) = mean_point(state.target.carried_contacts(coasted)), levels[0].shape
@@ -150,13 +152,22 @@ def _moves_on(state: TrackState, decision: Decision, background: Floats | None) 
     What looks like it in one place looks like it again and again, as the ground does that a camera passes: that makes it no
     surer. What leaves the ground under it, in an image by more than a contact may be off, shows itself anew.
     """
-    e, coasted, coasting = decision.estimate, state.coasted(), state.coasting
-    if e is None or coasted is None or coasting is None:
+    e, coasted = decision.estimate, state.coasted()
+    if e is None or coasted is None:
         return False
+    near = math.dist(e.middle, mean_point(state.target.carried_contacts(coasted))) < decision.tolerance
+    return near and _away_from_rest(state, background) > decision.tolerance
+
+
+def _away_from_rest(state: TrackState, background: Floats | None) -> float:
+    """px in a usual interval by which even motion leaves where the ground has a lost object, or where the last image has it."""
+    coasted, coasting = state.coasted(), state.coasting
+    if coasted is None or coasting is None:
+        return 0.0
     rests = state.last.G if background is None else background
     steps = state.steps if background is None or not state.anchored else coasting.steps + state.steps
     there, resting = (mean_point(state.target.carried_contacts(G)) for G in (coasted, rests))
-    return math.dist(e.middle, there) < decision.tolerance < math.dist(there, resting) / max(steps, SHORTEST_STEP)
+    return math.dist(there, resting) / max(steps, SHORTEST_STEP)
 
 
 def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predictions) -> None:
