@@ -216,20 +216,20 @@ def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) ->
     if expected.turned is not None and estimate.origin in (TURNED, TRIED):
         return expected.turned(estimate)
     (x, y), (u, v) = estimate.middle, mean_point(expected.contacts)
-    share = squared_way(estimate, expected.contacts, numbers)
+    way = squared_way(estimate, expected.contacts, numbers)
     nu, size = numbers.prior_freedom, 0.0
     if expected.size is not None:
         size = expected.size.squared_deviation(estimate, (u, v), (x, y))
 
-    def log_density(steps: float) -> float:
-        return -0.5 * (nu + PLACE_FREEDOMS) * math.log1p((share / steps**2 + size) / nu)
+    def log_density(way: float, steps: float) -> float:
+        return -0.5 * (nu + PLACE_FREEDOMS) * math.log1p((way / steps**2 + size) / nu)
 
-    density = log_density(expected.steps)
+    density = log_density(way, expected.steps)
     if expected.taken > expected.steps:
-        density = _log_add_exp(density, math.log(numbers.taken) + log_density(expected.taken))
+        density = _log_add_exp(density, math.log(numbers.taken) + log_density(way, expected.taken))
     if expected.coasting is not None:
-        share = squared_way(estimate, expected.coasting, numbers)
-        density = _log_add_exp(math.log(numbers.taken) + density, log_density(expected.strayed))
+        strayed = log_density(squared_way(estimate, expected.coasting, numbers), expected.strayed)
+        density = _log_add_exp(math.log(numbers.taken) + density, strayed)
     return density
 
 
