@@ -584,7 +584,7 @@ class PoseTarget:
         centre, radius: (2,) and above 0, work px: the error's terms of shape count there.
         noise: grey levels, standard deviation of the camera's.
         half: work px on each side of an edge that were averaged for its contrast.
-        normal_noise: rad, by which noise may turn the normals.
+        normal_noise: (n,) rad, by which noise may turn each normal.
         points, normals: (n, 2) samples of the outline in its order, (n, 2) unit, outward.
         contrast: (n,) signed steps there, grey levels.
         inner: (n, 6) grey levels inside each, see `strongest_edges`.
@@ -606,7 +606,7 @@ class PoseTarget:
         radius: float,
         noise: float,
         half: float,
-        normal_noise: float,
+        normal_noise: Floats,
         points: Floats,
         normals: Floats,
         contrast: Floats,

@@ -126,7 +126,7 @@ struct PoseTarget {
     std::vector<Mask> hidden;
 
     PoseTarget(const nb::dict &given, const Doubles &A, const Doubles &centre, double radius, double noise, double half,
-               double normal_noise, const Doubles &points, const Doubles &normals, const Doubles &contrast, const Doubles &inner, const Doubles &surface,
+               const Doubles &normal_noise, const Doubles &points, const Doubles &normals, const Doubles &contrast, const Doubles &inner, const Doubles &surface,
                const Doubles &surface_value, const Doubles &contacts, const Doubles &depth, const Doubles &inside,
                const Doubles &outside)
         : numbers(numbers_of(given)) {
@@ -138,7 +138,6 @@ struct PoseTarget {
         target.radius = radius;
         target.noise = noise;
         target.half = half;
-        target.normal_noise = normal_noise;
         target.points = places(points, "points");
         target.normals = places(normals, "normals");
         target.contrast = values(contrast);
@@ -150,7 +149,8 @@ struct PoseTarget {
         target.inside = values(inside);
         target.outside = values(outside);
         const std::size_t n = target.points.size();
-        if (target.normals.size() != n || target.contrast.size() != n || target.inner.size() != n * pose::inner_pixels ||
+        const std::vector<double> turned = values(normal_noise);
+        if (turned.size() != n || target.normals.size() != n || target.contrast.size() != n || target.inner.size() != n * pose::inner_pixels ||
             target.surface_value.size() != target.surface.size() || target.depth.size() != pose::region_cells ||
             target.inside.size() != n * pose::region_cells || target.outside.size() != n * pose::region_cells)
             throw std::invalid_argument("points, normals, contrasts and inner sides need the same length");
@@ -159,7 +159,7 @@ struct PoseTarget {
             pose::Vector<8> row, tangent;
             for (std::size_t k = 0; k < 8; ++k) {
                 row[k] = target.normals[i].x * J[0][k] + target.normals[i].y * J[1][k];
-                tangent[k] = target.normals[i].x * J[1][k] - target.normals[i].y * J[0][k];
+                tangent[k] = turned[i] * (target.normals[i].x * J[1][k] - target.normals[i].y * J[0][k]);
             }
             target.rows.push_back(row);
             target.squares.push_back(pose::outer<8>(row));
@@ -350,7 +350,7 @@ nb::object surface_evidence(const std::vector<Doubles> &correlation, const std::
 
 void bind_registration(nb::module_ &m) {
     nb::class_<PoseTarget>(m, "PoseTarget")
-        .def(nb::init<const nb::dict &, const Doubles &, const Doubles &, double, double, double, double, const Doubles &, const Doubles &,
+        .def(nb::init<const nb::dict &, const Doubles &, const Doubles &, double, double, double, const Doubles &, const Doubles &, const Doubles &,
                       const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &,
                       const Doubles &>(),
              "numbers"_a, "A"_a, "centre"_a, "radius"_a, "noise"_a, "half"_a, "normal_noise"_a, "points"_a, "normals"_a, "contrast"_a, "inner"_a,

@@ -420,7 +420,7 @@ class Solver {
             vh = P9[80];
             out.edge_sigma = std::sqrt(variance);
         }
-        const Matrix<9> telling = beyond_noise(own, along, target_.normal_noise * target_.normal_noise);
+        const Matrix<9> telling = beyond_noise(own, along);
         add_rows<9>(system.A, system.b, times<9>(times<9>(telling, own), transposed<9>(telling)), times<9>(telling, toward));
         std::vector<Vector<9>> scores(n);
         pull_.resize(n);

@@ -51,16 +51,12 @@ template <std::size_t N> std::pair<Vector<N>, Matrix<N>> eigen(Matrix<N> a) {
 // By which rows of the edges are to be multiplied from the right, transposed. Along a motion under which the outline stays on
 // itself, as a disc turned, exact normals tell nothing; noise in them seems to tell all the same.
 //
-// own: the edges' information, of the pose and of the thickness. along: the same of motions along the outline, packed.
-// noise: rad^2, variance of the normals' directions.
-inline Matrix<9> beyond_noise(const Matrix<9> &own, const Packed<8> &along, double noise) {
+// own: the edges' information, of the pose and of the thickness. by_noise: what noise in their normals seems to tell of the pose, packed.
+inline Matrix<9> beyond_noise(const Matrix<9> &own, const Packed<8> &by_noise) {
     constexpr std::size_t N = 8;
     Matrix<9> out = diagonal<9>(1.0);
-    if (!(noise > 0)) return out;
     for (double value : own)
         if (!std::isfinite(value)) return out;
-    Packed<N> by_noise = along;
-    for (double &value : by_noise) value *= noise;
     Matrix<N> L, inverse;
     if (!cholesky<N>(unpacked<N>(by_noise), L, inverse)) return out;
     Matrix<N> lead;

@@ -57,13 +57,12 @@ struct Target {
     double cx, cy, radius;     // normalised coordinates: (x - cx) / radius
     double noise;              // grey levels, of the camera
     double half;               // work px on each side of an edge that were averaged for `contrast`
-    double normal_noise;       // rad, by which noise may turn the normals
     std::vector<Point> points, normals;  // outline samples and their outward normals
     std::vector<double> contrast;        // signed step, grey levels, at each
     std::vector<double> inner;           // (n, inner_pixels) grey levels inside each
     std::vector<Vector<8>> rows;         // d(offset along the normal) / d(pose)
     std::vector<Packed<8>> squares;      // of each row with itself
-    std::vector<Packed<8>> along;        // the same of what moves a sample along the outline
+    std::vector<Packed<8>> along;        // the same of what moves a sample along the outline, times rad^2 by which noise may turn its normal
     std::vector<double> depth;           // (region_cells) work px from the outline
     std::vector<double> inside;          // (n, region_cells) grey levels at these depths inside; NaN where that is no material
     std::vector<double> outside;         // (n, region_cells) 1 where that depth outside is outside, else 0

@@ -174,7 +174,7 @@ USUAL: dict[str, Maker] = {
     "match_spread": lambda s: 0.1,
     "most": lambda s: 5,
     "noise": lambda s: 2.0,
-    "normal_noise": lambda s: 0.02,
+    "normal_noise": lambda s: np.full(SAMPLES, 0.02),
     "normals": lambda s: s.normals,
     "nuisance": lambda s: np.array([0.0, 0.1, 0.0, 0.0]),
     "nuisance_covariance": lambda s: s.covariance(4),

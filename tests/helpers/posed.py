@@ -128,8 +128,9 @@ def ingredients(seed: int, n: int, numbers: dict[str, float], textured: bool = T
     inside = np.where(rng.random((len(points), 16)) < 0.1, np.nan, beside(-1.0))
     value = levels[0][tuple((surface + A[:2, 2]).astype(int).T[::-1])].astype(np.float64)
     return [
-        NUMBERS.kernel_table() | numbers, A, CENTRE, RADIUS, 1.5, 2.0, 0.03, points, normals, contrast[found], inner[found],
-        surface, value, CONTACTS, depth, inside, (rng.random((len(points), 16)) < 0.9).astype(np.float64),
+        NUMBERS.kernel_table() | numbers, A, CENTRE, RADIUS, 1.5, 2.0, np.full(len(points), 0.03), points, normals,
+        contrast[found], inner[found], surface, value, CONTACTS, depth, inside,
+        (rng.random((len(points), 16)) < 0.9).astype(np.float64),
     ]  # fmt: skip
 
 

@@ -21,8 +21,9 @@ from grasptrack.tracking.single import decide_single, pose_hypothesis, single_es
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.method import chosen_grasp
-from grasptrack_bench.scenes import built_in, make_scene_cases, parts_from_silhouettes, run_case
+from grasptrack_bench.scenes import Part, built_in, make_scene_cases, parts_from_silhouettes, run_case
 from grasptrack_bench.simulation import SHAPES, Shape
+from grasptrack_bench.simulation.scene import Guest
 from scenery import L_PLATE, SQUARE, drawn
 from stages import HEIGHT, WIDTH, Run, mirrored, photo, pose, twin
 
@@ -252,3 +253,27 @@ def test_an_equal_beside_the_object_that_a_hand_covers_is_not_taken_for_it() -> 
             assert np.hypot(*(result.contacts - scene[k].carry(contacts)).T).max() < 8.0, k
             found += 1
     assert found > 10
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("taken", [False, True])
+@pytest.mark.parametrize(("repeat", "dark"), [(1, 2), (3, 5), (4, 5)])
+def test_its_surroundings_tell_it_from_its_equals(repeat: int, dark: int, taken: bool) -> None:
+    """After dark images, in which the camera went on: on the ground it lay on, and nowhere where it was taken away."""
+    case = make_scene_cases([Part(BRACKET)], ["equals"], repeats=repeat + 1, frames=24 + dark, seed=7)[repeat]
+    scene, lit = case.scene(), 20 + dark
+    scene.guests = (Guest(lit, 1000, None),) if taken else ()
+    contacts, found = chosen_grasp(scene[0].outline), []
+    tracker = GraspTracker(grasp=contacts)
+    for k in range(24 + dark):
+        image = np.full_like(scene[k].image, 20) if 20 <= k < lit else scene[k].image
+        if (seen := tracker.update(image, time=scene[k].time).contacts) is not None:
+            assert np.hypot(*(seen - scene[k].carry(contacts)).T).max() < 3.0
+            found.append(k)
+    assert (lit + 2 in found) is not taken and (max(found) < lit) is taken
+
+
+@pytest.mark.slow
+def test_a_spur_of_a_half_discs_outline_does_not_seem_to_fix_where_it_slid_to() -> None:
+    case = make_scene_cases([Part(SHAPES["half-disc"]())], ["clean-6dof"], repeats=8, frames=49, seed=7)[7]
+    assert not any(frame.is_false_accept for frame in run_case((case, ("auto",)))["auto"])

@@ -4,6 +4,7 @@
 import math
 import sys
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,21 @@ Shows = Callable[[Floats], bool]
 """Whether an image shows a part at a pose (3, 3)."""
 
 
-def alias_probability(state: TrackState, estimate: PoseEstimate, even: Floats | None, shows: Shows) -> float:
+class Way(NamedTuple):
+    """Where an object would be that moved as is expected.
+
+    Attributes:
+        G: (3, 3) its pose.
+        last: (3, 3) that in which it was, or would be if it rested.
+        spread: mean square, a freedom, of how far it is from there, as a share of its area; None where nothing is known of it.
+    """
+
+    G: Floats
+    last: Floats
+    spread: float | None
+
+
+def alias_probability(state: TrackState, estimate: PoseEstimate, way: Way, shows: Shows) -> float:
     """Probability that this is an equal of the object which came to its place, all of them having moved together.
 
     Before its motion is known a way is as probable as one over its square: of hands and belts, and of how often an image is
@@ -36,23 +51,21 @@ def alias_probability(state: TrackState, estimate: PoseEstimate, even: Floats | 
     Args:
         state: of the object, before it has learned from the image.
         estimate: of what was found in the image.
-        even: (3, 3) where even motion has the object; None while its motion is not known.
+        way: where the object would be.
         shows: whether the image shows a part at a pose.
     """
-    target, numbers, first, last = state.target, state.numbers, state.target.A, state.last.G
+    target, numbers, first, last = state.target, state.numbers, state.target.A, way.last
     near = ONE_PLACE * target.size
     known = [np.zeros(2), *state.equals]
     # a row goes on where the first view did not show it
     parts = np.array(
         [*known, *(-e for e in state.equals if not _is_near(-e, known, near) and not _is_in_view(state, first, -e))]
     )
-    before = apply_homography(last if even is None else even, parts + target.work_contacts.mean(axis=0))
+    before = apply_homography(way.G, parts + target.work_contacts.mean(axis=0))
     ways = (np.hypot(*(np.array(estimate.middle) - before).T) ** 2).clip(
         worst_variance(estimate.covariance)
     ) / estimate.area
-    density = 1.0 / ways
-    if even is not None:
-        density = way_density(ways, state.agility * state.drifted, numbers)
+    density = 1.0 / ways if way.spread is None else way_density(ways, way.spread, numbers)
     if density[1:].sum() < NOTICED * numbers.risk * density[0]:
         return float(density[1:].sum() / density.sum())
     # what is still seen where it was went nowhere: nearer than an edge is looked for that cannot be told

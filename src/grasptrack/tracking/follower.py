@@ -23,7 +23,7 @@ from grasptrack.tracking.decision import (
     other_size_probability,
     place_prior,
 )
-from grasptrack.tracking.equals import NOTICED, Shows, alias_probability, complete_row, log_density
+from grasptrack.tracking.equals import NOTICED, Shows, Way, alias_probability, complete_row, log_density
 from grasptrack.tracking.estimator import estimate_pose, first_state
 from grasptrack.tracking.evidence import (
     SUDDEN,
@@ -40,6 +40,7 @@ from grasptrack.tracking.mending import Mended, Mender
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.pose import (
+    CONTINUOUS,
     TRIED,
     TURNED,
     Hypothesis,
@@ -55,6 +56,7 @@ from grasptrack.tracking.pose import (
 )
 from grasptrack.tracking.redetection import Redetection, best_sighted_pose, place_is_empty
 from grasptrack.tracking.selection import make_target
+from grasptrack.tracking.surroundings import ground_of_surroundings
 from grasptrack.tracking.target import Grey, Target, build_pyramid
 from grasptrack.typing import Floats
 
@@ -128,10 +130,9 @@ class Follower:
         self.mended = 0.0
         self._mended: Mended | None = None
         self._mender = Mender(target, levels, self._hidden)
-        equals = [e.middle for e in self._find_lookalikes(self.state.last)]
-        if equals:
+        self._looked_at: Look | None = None
+        if self._shows_equals(self.state.last):
             self.state.note_lookalike(anywhere=True)
-            self.state.equals = complete_row(target, target.A, equals, self._parts_shown(levels[0], target.A))
 
     @property
     def target(self) -> Target:
@@ -160,13 +161,16 @@ class Follower:
             second = self.redetection.promising(levels, predictions.second)
             solutions.add(second + self.redetection.search_image(state, levels))
             decision = solutions.decide_among()
+            decision, predictions = self._among_surroundings(decision, levels, predictions, solutions)
         elif decision.is_accepted and state.lost and departure_probability(expected.steps, target.numbers) > risk:
             # what lies at its place may be another one while it lies elsewhere
             solutions.add(self.redetection.search_image(state, levels))
             decision = solutions.decide_among()
         decision = self._against_slides(decision, solutions)
         decision = self._against_turns(decision, solutions, predictions)
-        decision = self._against_equals(self._against_other_sizes(decision, levels), levels, predictions)
+        decision = self._against_equals(
+            self._against_other_sizes(decision, levels), levels, predictions, solutions.expected
+        )
         self._learn_from_image(levels, decision, predictions)
         if state.lost:
             state.sighted = best_sighted_pose(state, solutions.found, solutions.expected.steps)
@@ -197,7 +201,7 @@ class Follower:
             contacts = found.estimate.contacts
             nearest = min(proposed, key=lambda proposal: max_contact_distance(proposal.contacts, contacts))
             found = self._against_other_sizes(self._against_turns(found, solutions, predictions), levels)
-            found = self._against_equals(found, levels, predictions)
+            found = self._against_equals(found, levels, predictions, solutions.expected)
             answer = check_strategy_contacts(found, nearest.contacts)
             if answer.is_accepted:
                 break
@@ -221,6 +225,22 @@ class Follower:
         self.state.advance(time)
         predictions = predict_hypotheses(self.state, levels)
         return levels, predictions, self._expected_location(predictions)
+
+    def _among_surroundings(
+        self, decision: Decision, levels: list[Grey], predictions: Predictions, solutions: Solutions
+    ) -> tuple[Decision, Predictions]:
+        """A decision by what surrounded the object where ground and object were lost together, and what is predicted then."""
+        state = self.state
+        if decision.is_accepted or not state.lost or (predictions.background is not None and state.anchored):
+            return decision, predictions
+        ground = ground_of_surroundings(state, Look(levels, state.last.G), solutions.found)
+        if ground is None:
+            return decision, predictions
+        predictions = predictions._replace(background=ground, anew=True)
+        state.gone = place_is_empty(self.target, state.located, levels, ground)  # where that was, was not known
+        solutions.expected = self._expected_location(predictions)
+        solutions.add([Hypothesis("background", ground, state.P + self.target.noise_of_motion)])
+        return solutions.decide_among(), predictions
 
     def _is_sudden(self, estimate: PoseEstimate) -> bool:
         """Whether the outline lies elsewhere all at once, or much of it is hidden, by what may have carried texture along."""
@@ -291,20 +311,27 @@ class Follower:
         only_turned = own is not None and rival is not None and self._is_turned(own, rival)
         return replace(decision, doubt="ambiguous") if decision.doubt == "other-place" and only_turned else decision
 
-    def _against_equals(self, decision: Decision, levels: list[Grey], predictions: Predictions) -> Decision:
+    def _against_equals(
+        self, decision: Decision, levels: list[Grey], predictions: Predictions, expected: Expected
+    ) -> Decision:
         """A decision against the equals of the object, one of which may have come to its place.
 
         What rests on the ground, and moved as that did, is no other.
         """
-        state, e = self.state, decision.estimate
-        if e is None or state.lost or not len(state.equals):
+        state, e, even = self.state, decision.estimate, predictions.even
+        if e is None or not (len(state.equals) or (e.origin not in CONTINUOUS and self._shows_equals(state.located))):
             return decision
-        if predictions.background is not None:
+        if predictions.background is not None and (state.anchored or predictions.anew or not state.lost):
             carried = self.target.carried_contacts(predictions.background)
             if max_contact_distance(e.contacts, carried) < decision.tolerance:
                 return decision
-        shows = self._parts_shown(levels[0], e.G)
-        return decision.with_alias(alias_probability(state, e, predictions.even, shows))
+        if state.lost:
+            G = self._expected_pose(predictions)
+            way = Way(G, G, (state.numbers.travel * expected.steps) ** 2)
+        else:
+            spread = None if even is None else state.agility * state.drifted
+            way = Way(state.last.G if even is None else even, state.last.G, spread)
+        return decision.with_alias(alias_probability(state, e, way, self._parts_shown(levels[0], e.G)))
 
     def _against_other_sizes(self, decision: Decision, levels: list[Grey]) -> Decision:
         """A decision after a loss against a larger or smaller part of the same shape: the ground tells which size is right."""
@@ -340,6 +367,8 @@ class Follower:
         passed = max(1.0, state.steps)
         if not state.lost:
             unseen, adrift = passed * state.pace, 0.0 if predictions.background is not None else passed
+        elif predictions.anew:
+            unseen, adrift = state.wander * (state.adrift + passed), 0.0
         elif predictions.background is not None and state.anchored:
             unseen, adrift = state.unseen + state.wander, 0.0
         else:
@@ -360,7 +389,7 @@ class Follower:
         """(3, 3) where it is expected: as it moved, or, once it is lost, where the background has its place."""
         if not self.state.lost:
             return predictions.first[0].G
-        if predictions.background is not None and self.state.anchored:
+        if predictions.background is not None and (self.state.anchored or predictions.anew):
             return predictions.background
         return self.state.expected
 
@@ -378,13 +407,22 @@ class Follower:
         own = estimate_pose(state, look.levels, Hypothesis("at rest", look.G, state.P))
         if own is None:
             return
-        # later on, what covers the object may have an outline like it
-        for hypothesis in self.redetection.find_lookalikes(look, thorough=not state.accepted):
+        for hypothesis in self.redetection.find_lookalikes(look):
             other = estimate_pose(state, look.levels, hypothesis, still=True)
             if other is None or is_at(own, other.middle):
                 continue
             if pose_evidence(state, other) > LOOKALIKE_EVIDENCE * pose_evidence(state, own) > 0.0:
                 yield other
+
+    def _shows_equals(self, look: Look) -> bool:
+        """Whether a look at the object shows equals of it, which are then known; each look is asked once."""
+        state = self.state
+        if self._looked_at is not look:
+            self._looked_at = look
+            middles = [e.middle for e in self._find_lookalikes(look)]
+            if middles and not len(state.equals):
+                state.equals = complete_row(self.target, look.G, middles, self._parts_shown(look.levels[0], look.G))
+        return bool(len(state.equals))
 
     def _shows_both(self, decision: Decision) -> bool:
         """Whether one image shows the object where it was, and something that looks just like it elsewhere."""
@@ -412,7 +450,7 @@ class Follower:
         if e is not None and (decision.is_accepted or roughly):
             learn(state, levels, decision, e, predictions)
         else:
-            alike = not state.lost and (state.lookalike or next(self._find_lookalikes(state.located), None) is not None)
+            alike = not state.lost and (state.lookalike or self._shows_equals(state.located))
             lose(state, levels, decision, predictions, lookalike=alike)
         if not self._mender.is_over:
             self._mended = self._mender.examine_image(state, levels, decision)

@@ -58,6 +58,7 @@ class Predictions(NamedTuple):
     Attributes:
         first, second: the likeliest first.
         background: (3, 3), None where the background tells nothing, or was not asked.
+        anew: the background has been found again after it was lost with the object.
         even: (3, 3) where even motion has it; None where the motion is not known.
     """
 
@@ -65,6 +66,7 @@ class Predictions(NamedTuple):
     second: list[Hypothesis]
     background: Floats | None
     even: Floats | None
+    anew: bool = False
 
 
 def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
@@ -90,7 +92,7 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
         rest.insert(0, Hypothesis("moving on", even, free))
     flow = None
     if not state.lost:
-        flow = _align_look(state, state.last, levels, rest, Q, target.clear_corners(state.visible))
+        flow = align_look(state, state.last, levels, rest, Q, target.clear_corners(state.visible))
     first = []
     if flow is not None:
         # without noise of a camera's own an encoder has changed the images
@@ -107,7 +109,7 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     settled = flow is not None and _fixes_contacts(state, flow)
     if settled and state.accepted % BACKGROUND_EVERY and state.delay < BACKGROUND_EVERY:
         return Predictions(first, rest, None, even)
-    background = _align_look(state, state.last, levels, rest, Q, target.clear_ring(state.visible))
+    background = align_look(state, state.last, levels, rest, Q, target.clear_ring(state.visible))
     if background is None:
         return Predictions(first or rest, rest if first else [], None, even)
     # what rested on the background rests on it still
@@ -151,10 +153,10 @@ def located_ground(state: TrackState, levels: list[Grey]) -> PoseFlow | None:
     """Where the ground has what was located last, whatever lies there since; None where it is not seen in both images."""
     Q = state.target.noise_of_motion * max(1.0, state.steps)
     starts = [Hypothesis("background", G, Q) for G in (state.expected, state.located.G)]
-    return _align_look(state, state.located, levels, starts, Q, state.target.ring)
+    return align_look(state, state.located, levels, starts, Q, state.target.ring)
 
 
-def _align_look(
+def align_look(
     state: TrackState, look: Look, levels: list[Grey], starts: list[Hypothesis], Q: Floats, places: Floats
 ) -> PoseFlow | None:
     """A look at some places (n, 2), work px, laid on this image; None where too few of them agree."""

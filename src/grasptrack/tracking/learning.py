@@ -130,10 +130,12 @@ def lose(
     at_place = False
     if e is not None and decision.presence > FOLLOWED_PRESENCE and not state.target.turns:
         at_place = is_at(e, mean_point(state.target.carried_contacts(state.expected)))
-    state.anchored = state.anchored and background is not None
+    state.anchored = background is not None and (state.anchored or predictions.anew)
     if background is not None and state.anchored:
         state.expected = background
         state.last = Look(levels, background)
+        if predictions.anew:
+            state.unseen = state.wander * state.adrift
         state.unseen += 0.0 if at_place else state.wander * state.delay
         state.adrift = 0.0
     else:

@@ -300,15 +300,11 @@ class Redetection:
         poses = self._outlines.find_poses(levels[0], self._target.homography(look.G), turn, thorough=thorough)
         return [Hypothesis(MATCHED, G, wide_prior(self._target)) for G in poses]
 
-    def find_lookalikes(self, look: Look, *, thorough: bool) -> list[Hypothesis]:
-        """Where a look at the object may show something just like it elsewhere; its own place may be among them.
-
-        If `thorough`, all outlines in it are looked at as well.
-        """
+    def find_lookalikes(self, look: Look) -> list[Hypothesis]:
+        """Where a look at the object may show something just like it elsewhere; its own place may be among them."""
         wide = wide_prior(self._target)
         places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self._target, look, look.levels)]
-        if thorough:
-            places += self.matches_in(look, look.levels)
+        places += self.matches_in(look, look.levels)
         return self.promising(look.levels, places, len(places))
 
     def promising(self, levels: list[Grey], hypotheses: list[Hypothesis], most: int = MAX_SOLVED) -> list[Hypothesis]:

@@ -49,6 +49,8 @@ RING_PLACES = 7.0
 """Places along the side of the first view, at which the background is looked at."""
 EDGE_REACH = 2
 """Work px beyond half a filter's width within which the first view's edges are looked for."""
+NORMAL_REACH, SAME_SIDE = 2.0, 0.5
+"""Spacings of samples within which edges beside one tell its normal, and least cosine between normals of one side of a part."""
 NORMALS_TWICE = 2.0
 """Standard deviations by which noise is allowed to turn normals: it is measured by a factor of that."""
 FIRST_CELL, REGION, CELL_POWER = 2.0, 0.45, 1.6
@@ -120,7 +122,7 @@ def make_target(
         size / 2.0,
         noise,
         float(edges.half),
-        _normal_noise(samples.noise, numbers),
+        np.maximum(_normal_noise(samples.noise, numbers), NORMALS_TWICE * _normal_errors(points, normals)),
         np.ascontiguousarray(points),
         np.ascontiguousarray(normals),
         np.ascontiguousarray(edges.contrast),
@@ -233,6 +235,20 @@ def _edges_by(levels: list[Grey], A: Floats, points: Floats, normals: Floats, no
     told = width[np.isfinite(width)]
     typical = float(np.median(told)) if len(told) else math.nan
     return _Edges(points, normals, contrast, inner, share, typical, half, _filter_half_width(width, half))
+
+
+def _normal_errors(points: Floats, normals: Floats) -> Floats:
+    """(n,) rad between each normal and that of the edges beside it: they do not lie along a spur, or round a corner."""
+    if not len(points):
+        return np.zeros(0)
+    away = points[:, None] - points[None]
+    near = (np.hypot(away[..., 0], away[..., 1]) < NORMAL_REACH * EVEN_SPACING) & (normals @ normals.T > SAME_SIDE)
+    weight = near / near.sum(axis=1)[:, None]
+    (x, y), (mean_x, mean_y) = points.T, (weight @ points).T
+    xx, xy, yy = weight @ (x * x) - mean_x**2, weight @ (x * y) - mean_x * mean_y, weight @ (y * y) - mean_y**2
+    along = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    across = np.abs(np.cos(along) * normals[:, 0] + np.sin(along) * normals[:, 1])
+    return np.asarray(np.where(near.sum(axis=1) > 1, np.arcsin(np.minimum(1.0, across)), 0.0))
 
 
 def _normal_noise(noise: float, numbers: Numbers) -> float:

@@ -259,8 +259,8 @@ class Objective:
             P9 = np.linalg.inv(A + own_A)
             x = P9 @ (b + both.T @ (weight * offset))
             d, P, h, vh = x[:8], P9[:8, :8], max(0.0, x[8]), P9[8, 8]
-        sideways = (along * (weight[:n] + weight[n:])[:, None]).T @ along
-        telling = beyond_noise(own_A, sideways, self.target.normal_noise**2)
+        sideways = (along * ((weight[:n] + weight[n:]) * self.target.normal_noise**2)[:, None]).T @ along
+        telling = beyond_noise(own_A, sideways, 1.0)
         lower = seen[n:] >= seen[:n]
         residual = np.where(lower, offset[n:] - parallax * h, offset[:n]) - rows @ d
         pull = (weight[:n] + weight[n:]) * residual

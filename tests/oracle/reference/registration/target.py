@@ -53,7 +53,7 @@ class Target:
         centre, radius: (2,), work px.
         noise: grey levels, of the camera.
         half: work px on each side of an edge that were averaged for `contrast`.
-        normal_noise: rad, by which noise may turn the normals.
+        normal_noise: (n,) rad, by which noise may turn each normal.
         points, normals: (n, 2) samples of the outline, (n, 2) unit, outward.
         contrast: (n,) signed steps there, grey levels.
         inner: (n, INNER) grey levels inside each.
@@ -72,7 +72,7 @@ class Target:
     radius: float
     noise: float
     half: float
-    normal_noise: float
+    normal_noise: Floats
     points: Floats
     normals: Floats
     contrast: Floats

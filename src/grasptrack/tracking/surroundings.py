@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""After a jump or a gap: what surrounded the object tells which of its equals it is, or which turn of its outline."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.kernels import PoseFlow
+from grasptrack.tracking.evidence import pose_evidence
+from grasptrack.tracking.hypotheses import align_look
+from grasptrack.tracking.pose import Hypothesis, Look, PoseEstimate, is_at
+from grasptrack.tracking.state import TrackState
+from grasptrack.typing import Floats
+
+MOST_PLACES = 3
+"""Places in an image that may be the object's, of which the surroundings are looked at, those of the most evidence first."""
+ASIDE = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+"""Sizes of the object by which a look is moved beside itself, for how much of it agrees by chance or as a pattern repeats."""
+
+
+class _Agreement(NamedTuple):
+    """So many of some places agree."""
+
+    agreeing: float
+    places: float
+
+    def log_odds(self, chance: float) -> float:
+        """Of the same surroundings, of which any share may agree, against others, of which a share does by chance."""
+        k, n = self.agreeing, self.places
+        same = math.lgamma(k + 1.0) + math.lgamma(n - k + 1.0) - math.lgamma(n + 2.0)
+        return same - k * math.log(chance) - (n - k) * math.log1p(-chance)
+
+
+def ground_of_surroundings(state: TrackState, look: Look, estimates: Sequence[PoseEstimate]) -> Floats | None:
+    """(3, 3) where the ground has an object that was lost with it, if it surely lies where one of the estimates has it.
+
+    Args:
+        state: of the object, whose last look at it is laid on the image.
+        look: the image; its pose does not matter.
+        estimates: what may be the object in it.
+    """
+    target, numbers = state.target, state.numbers
+    told: list[tuple[float, Floats]] = []
+    chance: float | None = None
+    for estimate in _likeliest_places(state, estimates):
+        found = _laid_at(state, look, estimate.G)
+        if found is None:
+            continue
+        chance = _chance_agreement(state) if chance is None else chance
+        told.append((numbers.temper * _agreement(state, found).log_odds(chance), found.G))
+    told.sort(key=lambda each: -each[0])
+    needed = -math.log(numbers.risk)
+    if not told or told[0][0] < needed or (len(told) > 1 and told[0][0] < told[1][0] + needed):
+        return None
+    return told[0][1] if math.isfinite(float(target.pose_difference(state.located.G, told[0][1]).sum())) else None
+
+
+def _likeliest_places(state: TrackState, estimates: Sequence[PoseEstimate]) -> list[PoseEstimate]:
+    kept: list[PoseEstimate] = []
+    rated = [(pose_evidence(state, e), e) for e in estimates]
+    for evidence, e in sorted(rated, key=lambda each: -each[0]):
+        if evidence > 0.0 and len(kept) < MOST_PLACES and not any(is_at(e, other.middle) for other in kept):
+            kept.append(e)
+    return kept
+
+
+def _laid_at(state: TrackState, look: Look, G: Floats) -> PoseFlow | None:
+    """The last look's surroundings laid on an image about a pose (3, 3); None where too few of them agree."""
+    Q = state.target.noise_of_motion
+    return align_look(state, state.located, look.levels, [Hypothesis("background", G, Q)], Q, state.target.ring)
+
+
+def _agreement(state: TrackState, found: PoseFlow) -> _Agreement:
+    """Of the places in both images those that agree."""
+    height, width = state.located.levels[0].shape
+    x, y = apply_homography(state.located.G, state.target.ring).T
+    shown = np.count_nonzero((x >= 0.0) & (y >= 0.0) & (x < width) & (y < height))
+    agreeing = found.agreeing * shown
+    return _Agreement(agreeing, max(agreeing, float(found.used)))
+
+
+def _chance_agreement(state: TrackState) -> float:
+    """Share of the last look's surroundings that agrees with what lies beside them, or about the object's equals."""
+    target, look, most = state.target, state.located, 0.0
+    places = [np.array(way) * target.size for way in ASIDE] + list(state.equals)
+    for x, y in places:
+        found = _laid_at(state, look, look.G @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]))
+        if found is None:
+            continue
+        came_back = float(np.hypot(*target.pose_difference(look.G, found.G)[:2])) < 0.5 * math.hypot(x, y)
+        share = _agreement(state, found)
+        if not came_back:
+            most = max(most, share.agreeing / share.places)
+    n = float(len(target.ring))
+    return (most * n + 1.0) / (n + 2.0)
