@@ -71,7 +71,7 @@ OPTIONS = [
     ("track inspect", ["--tolerance", "5mm", "--scale", "-1"], ["--scale", "positive"]),
     ("track", ["--start", "-1"], ["--start", "0"]),
     ("track", ["--start", "later"], ["--start", "integer"]),
-    ("track", ["--start", "3"], ["has 3 images", "no frame 3"]),
+    ("track", ["--start", "2"], ["has 2 images", "no frame 2"]),
     ("track", ["--next", "--grasp", "1,2 3,4 5,6 7,8"], ["4", "give the contacts"]),
     ("synthesize", ["--scale", "0"], ["--scale", "positive"]),
     ("synthesize", ["--scale", "nan"], ["--scale", "positive"]),

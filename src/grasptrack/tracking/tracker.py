@@ -22,7 +22,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.grasp.closure_probability import CHANCE, ClosureCheck, Judgement
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
-from grasptrack.grasp.hand import Hand, Length, as_length, parse_length
+from grasptrack.grasp.hand import Hand, Length, checked_length
 from grasptrack.images import Grey
 from grasptrack.segmentation.candidate import Candidate, distinct_candidates
 from grasptrack.segmentation.outline_detector import OutlineDetector
@@ -496,9 +496,8 @@ def _checked_tolerance(given: Length | float | str, hand: Hand | None) -> Length
     Raises:
         InputError: no positive length, or one in mm of a hand without scale.
     """
-    length = parse_length(given, "tolerance") if isinstance(given, str) else as_length(given)
-    wanted = arguments.finite(length.value)
-    if wanted or not length.value > 0.0:
+    length = checked_length(given, "tolerance")
+    if not 0.0 < length.value < math.inf:
         raise InputError(f"tolerance must be a positive length, not {given!r}", tolerance=repr(given))
     scale = None if hand is None else hand.px_per_mm
     return length if length.unit == "size" else Length(length.in_px(1.0, scale))
