@@ -45,7 +45,7 @@ the exit status, are in [Files](files.md); what can stand for SOURCE is in [Sour
 
 | value | meaning |
 |---|---|
-| N | a whole number |
+| N, FRAME | a whole number |
 | P | a probability, 0 to 1 |
 | MU | a coefficient of friction |
 | X,Y | a place in px: to the right and down, from the centre of the first pixel |

@@ -3,11 +3,12 @@
 
 import random
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -17,6 +18,35 @@ from grasptrack.io.masks import open_masks, read_mask
 from grasptrack.io.pixels import genicam_format, raw_image, ros_format, to_image
 from grasptrack.io.video import VideoWriter
 from recordings import movie, picture, write
+
+# --- where it starts ---
+
+
+@given(st.integers(0, 13))
+@settings(max_examples=6)
+@pytest.mark.parametrize("kind", ["folder", "deep folder", "video"])
+def test_a_later_start_gives_the_rest_of_the_same_frames(kind: str, start: int) -> None:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "m.mp4"
+        for k in range(12):
+            deep = (
+                picture()[:, :, 0].astype(np.uint16) * (400 + k) if kind == "deep folder" else picture() + np.uint8(k)
+            )
+            write(Path(folder) / f"{k}.png", deep)
+        every = list(open_source(movie(path) if kind == "video" else folder))
+        later = open_source(path if kind == "video" else folder)
+        if start < len(every):
+            assert list(later.start_at(start)) == every[start:]
+            return
+        later.exact = False  # as of a video whose header tells nothing
+        with pytest.raises(SourceError, match=f"has 12 images, counted from 0: there is no frame {start}"):
+            list(later.start_at(start))
+
+
+def test_what_is_live_starts_with_what_comes() -> None:
+    with pytest.raises(SourceError, match="is live"):
+        open_source("udp://127.0.0.1:5999").start_at(1)
+
 
 # --- guesses ---------------------------------------------------------------------------------------
 

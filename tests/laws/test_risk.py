@@ -7,6 +7,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,15 +21,19 @@ from hypothesis import strategies as st
 from grasptrack.cli.main import main
 from grasptrack.demo import run_demo
 from grasptrack.errors import InputError
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.hand import Hand, Length
 from grasptrack.trackability import inspect
 from grasptrack.tracking import hypotheses
 from grasptrack.tracking.decision import NOTHING, Decision, any_of, decide_pose
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, OWN, check_risk, read_numbers
+from grasptrack.tracking.pose import contact_tolerance
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.transfer import STRATEGIES
 from grasptrack_bench.approach import choosing
 from grasptrack_bench.approach.trial import Looking
+from grasptrack_bench.scenes import built_in, make_scene_cases, show_scene
 from grasptrack_bench.simulation import SHAPES
 from stages import HEIGHT, WIDTH, bar, mirrored, photo, pose
 
@@ -134,6 +139,50 @@ def test_a_risk_that_is_none_is_bad_input(risk: float) -> None:
     ):
         with pytest.raises(InputError, match="a probability between 0 and 1"):
             refused()
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("disturbance", ["noise", "clean-6dof"])
+def test_a_larger_tolerance_locates_more_and_none_is_off_by_more(disturbance: str) -> None:
+    (case,) = make_scene_cases(built_in(["bracket"]), [disturbance], frames=20, seed=3)
+    scene, share = case.scene(), 1.0 / 6.0
+    S = np.array([[share, 0.0, 0.5 * share - 0.5], [0.0, share, 0.5 * share - 0.5], [0.0, 0.0, 1.0]])
+    chosen = apply_homography(S, show_scene(scene)[0].contacts)
+    size, located = 1.0, list[int]()
+    for tolerance in (0.2, 0.4, None):
+        tracker = GraspTracker(grasp=chosen, tolerance=tolerance)
+        located.append(0)
+        for frame in scene:
+            result = tracker.update(cv2.resize(frame.image, None, fx=share, fy=share, interpolation=cv2.INTER_AREA))
+            if result.contacts is None or result.view is None:
+                continue
+            located[-1] += 1
+            now = math.sqrt(result.view.outer.area)
+            size = now if frame.index == 0 else size
+            assert size < 75.0, "of a larger one 3 px are less than 4 %"
+            truth = apply_homography(S @ frame.H_current_reference @ np.linalg.inv(S), chosen)
+            allowed = 3.0 if tolerance is None else tolerance * now / size
+            assert np.hypot(*(result.contacts - truth).T).max() < allowed
+    assert located == sorted(located) and located[0] < located[-1]
+
+
+@given(st.floats(0.5, 500.0), st.floats(1e-3, 0.5))
+def test_a_tolerance_is_one_on_the_object(size: float, share: float) -> None:
+    numbers = NUMBERS.with_tolerance(share)
+    assert contact_tolerance(size**2, numbers) == pytest.approx(share * size)
+    assert replace(numbers, tolerance=NUMBERS.tolerance, tolerance_px=NUMBERS.tolerance_px) == NUMBERS
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, math.nan, math.inf, "much", "0px", "5mm"])
+def test_a_tolerance_that_is_none_is_bad_input(tolerance: float | str) -> None:
+    for refused in (GraspTracker, lambda **given: inspect(SEEN[0], **given)):
+        with pytest.raises(InputError, match=r"length|scale of the image"):
+            refused(tolerance=tolerance)
+
+
+def test_mm_are_those_of_the_hand() -> None:
+    by_mm = GraspTracker(tolerance="5mm", hand=Hand(px_per_mm=2.0)).wish.tolerance
+    assert by_mm == GraspTracker(tolerance=10).wish.tolerance == Length(10.0)
 
 
 @pytest.fixture(scope="module")

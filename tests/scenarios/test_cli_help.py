@@ -16,7 +16,7 @@ from program import whole_program
 
 PROGRAM: Any = whole_program()
 UNITS = {"MS": "in ms", "FPS": "in frames/s", "PX_PER_MM": "in px per mm", "MP": "in 10^6 px"}
-WORDS = {"MU": "coefficient", "P": "robability", "R": "Ratio"}
+WORDS = {"MU": "coefficient", "P": "robability", "R": "Ratio", "FRAME": "Index, from 0,"}
 TEXTS = {"NAME", "A,B", "DIR", "FILE", "ADDRESS", "NAME=VALUE"}
 PIXELS = {"X,Y", "X,Y,W,H", '"X,Y X,Y ..."'}
 COUNTS = r"(Number of|Seed of|Candidate to take|Record images as JPEG of this quality)"
@@ -114,8 +114,8 @@ def test_an_option_is_in_one_place_and_form_in_all_verbs() -> None:
         for option in options(verb):
             forms.setdefault(long_name(option), set()).add((option.metavar, option.rich_help_panel))
     assert {(a, b) for a, b in before if (b, a) in before} == set()
-    # `compare` writes a page, and masks of `evaluate scenes` are those of photos that make parts.
-    two = {"--output", "--masks"}
+    # `compare` writes a page, masks of `evaluate scenes` are those of photos that make parts, and `live` starts at once.
+    two = {"--output", "--masks", "--start"}
     assert {name for name, found in forms.items() if len(found) > 1} <= two
 
 

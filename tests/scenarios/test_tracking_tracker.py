@@ -4,6 +4,7 @@
 import math
 from collections.abc import Callable, Sequence
 
+import cv2
 import numpy as np
 import pytest
 
@@ -50,6 +51,58 @@ def test_what_is_shifted_by_whole_px_is_answered_as_much_farther(strategy: str) 
     second = track([image[dy:, dx:] for image in IMAGES], grasp=there, strategy=strategy)
     apart = contacts(first) - contacts(second) - (dx, dy)
     assert np.abs(apart).max() < 0.1
+
+
+def belt(count: int, step: float = 9.0, gap: float = 330.0) -> list[np.ndarray]:
+    """Two parts that come in from the left and leave to the right, one after the other."""
+    spanner = SHAPES["spanner"]()
+    return [
+        photo([(BRACKET, pose(x, 120.0, 10.0)), (spanner, pose(x - gap, 110.0, -20.0))], seed=k)
+        for k, x in enumerate(step * np.arange(count) - 60.0)
+    ]
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("strategy", ["auto", "rrp"])
+def test_parts_on_a_belt_have_a_number_each_from_where_they_lie_whole(strategy: str) -> None:
+    results = track(belt(66), strategy=strategy, wait=True, next_object=True)
+    assert {r.reason_code for r in results if r.status == "searching"} == {"no-object", "waiting"}
+    for number in (1, 2):
+        mine = [r for r in results if r.grasp_id == number]
+        first = mine[0].view
+        assert first is not None and not first.is_clipped and mine[0].object_sure
+        assert [r.frame for r in mine] == list(range(mine[0].frame, mine[0].frame + len(mine)))
+        assert sum(r.located for r in mine) > 8
+    assert max(r.grasp_id or 0 for r in results) == 2
+
+
+def test_without_it_one_part_is_meant_to_the_end() -> None:
+    results = track(belt(66)[20:])
+    assert {r.grasp_id for r in results} == {1} and not any(r.located for r in results[-8:])
+
+
+@pytest.mark.parametrize("hidden", ["covered", "blurred"])
+def test_a_part_that_is_hidden_in_plain_view_is_not_given_up(hidden: str) -> None:
+    seen = belt(30)[18:]
+    hide = {
+        "covered": lambda image: cv2.rectangle(image.copy(), (90, 0), (WIDTH, HEIGHT), 90.0, -1),
+        "blurred": lambda image: cv2.GaussianBlur(image, (0, 0), 12.0),
+    }[hidden]
+    lost = [hide(image) for image in seen[6:]]
+    results = track([*seen[:6], *lost], next_object=True)
+    assert {r.grasp_id for r in results} == {1} and not results[-1].located
+
+
+def test_who_waits_takes_what_is_said_of_a_part_that_comes() -> None:
+    empty = [photo([], seed=k) for k in (90, 91)]
+    for said in ({"object_at": (150, 110)}, {"grasp": GIVEN}, {"number": 1}, {"mask": True}):
+        mask = said.pop("mask", None)
+        tracker = GraspTracker(wait=True, **said)  # type: ignore[arg-type]
+        results = [
+            tracker.update(image, mask=(image < 100).astype(np.uint8) if mask else None)
+            for image in [*empty, *IMAGES[:2]]
+        ]
+        assert [r.status for r in results] == ["searching"] * 2 + ["tracked"] * 2
 
 
 @pytest.mark.sampled(1)

@@ -21,6 +21,7 @@ REMEDIES = {
     "no-object": "say which object is meant (--object x,y, --box or --outline), or let a net look: --segmenter u2netp",
     "object-gone": "keep the object in view while another grasp is chosen, or leave out --resynthesize",
     "no-grasp": "give contacts of your own (--grasp), a larger --friction if it is true, or a hand that opens wider",
+    "waiting": "show a part alone and whole, say which (--object), give the empty bench (--background), or lower --sure",
     "no-description": "use --strategy auto, which carries every grasp",
     "not-found": "bring the object back into view, or move less from one image to the next; it is looked for in every image",
     "not-there": "take away what stands before it; the gripper's own fingers belong into --ignore FILE",

@@ -367,5 +367,8 @@ def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandS
         length=None if known.length is None else parse_measure(known.length, "--length").value,
         pixel_aspect=known.pixel_aspect,
         resynthesize=grasp.resynthesize,
+        tolerance=grasp.allowed_error(hand),
+        wait=grasp.wait,
+        next_object=grasp.next_object,
         segmenter=segmenter_for(first.segmenter),
     )

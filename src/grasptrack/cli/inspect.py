@@ -77,6 +77,7 @@ def inspect(
             hand=size,
             strategy=grasp.strategy,
             risk=grasp.risk,
+            tolerance=grasp.allowed_error(hand),
             focal=None if lens is None else Beforehand.by_calibration(lens.focal, NUMBERS),
             runs=runs,
         )

@@ -13,7 +13,7 @@ from grasptrack.cli.help_groups import GRASP, HAND, LIMITS, OBJECT, OUTPUT, PROC
 from grasptrack.errors import GraspError, InputError, StrategyError
 
 if TYPE_CHECKING:
-    from grasptrack.grasp.hand import Hand
+    from grasptrack.grasp.hand import Hand, Length
     from grasptrack.io.recording import Recording
     from grasptrack.typing import Floats
 
@@ -143,11 +143,32 @@ class GivenGrasp:
 
 @dataclass(frozen=True)
 class CarriedGrasp(GivenGrasp):
-    """The grasp that a strategy is to carry."""
+    """The grasp that a strategy is to carry, and how exactly."""
 
     strategy: Annotated[
         str, option(GRASP, "NAME", "Strategy: auto, rrp, grasp-line or homography.", callback=_strategy_choice)
     ] = "auto"
+    tolerance: Annotated[
+        str | None,
+        option(
+            HAND,
+            "L",
+            "How far a contact may be off before the answer is wrong, on the object as the first image shows it.",
+            show_default="3px or 4%, whichever is more",
+        ),
+    ] = None
+    next_object: bool = False
+
+    def allowed_error(self, hand: HandSize) -> Length | None:
+        """The tolerance, mm in px by the hand's scale; None where it is the usual one.
+
+        Raises:
+            InputError: no length, or mm or inches without a scale.
+        """
+        if self.tolerance is None:
+            return None
+        length = parse_scaled(self.tolerance, "--tolerance", hand.scale)
+        return length if length.unit == "size" else length._replace(value=length.in_px(1.0, hand.scale), unit="px")
 
 
 @dataclass(frozen=True)
@@ -156,6 +177,18 @@ class FollowedGrasp(CarriedGrasp):
 
     resynthesize: Annotated[
         bool, option(GRASP, None, "Choose a new grasp when the current one is no longer stable.", "--resynthesize")
+    ] = False
+    wait: Annotated[
+        bool, option(OBJECT, None, "Begin only when an object lies whole in view and its choice is sure.", "--wait")
+    ] = False
+    next_object: Annotated[
+        bool,
+        option(
+            OBJECT,
+            None,
+            "When the object has left the image, go on with the next, as with --wait; what is said of the first is not of it.",
+            "--next",
+        ),
     ] = False
 
 
@@ -209,35 +242,50 @@ class HandSize:
         Raises:
             InputError: no length, mm or inches without a scale, or lengths that contradict each other.
         """
-        from grasptrack.grasp.hand import Hand, parse_length
+        from grasptrack.grasp.hand import Hand
 
-        lengths: dict[str, Any] = {name: text for name, text in vars(self).items() if text is not None}
-        scale = lengths.pop("scale", None)
-        if scale is not None and not 0.0 < scale < math.inf:
-            raise InputError(f"--scale must be a positive number of px per mm, not {scale:g}", scale=scale)
-        for name, text in lengths.items():
-            written = _option_name(name)
-            lengths[name] = parse_length(text, written)
-            if lengths[name].unit not in ("px", "size") and scale is None:
-                raise InputError(f"{written} {text} needs --scale, the px per mm of the image", name=name)
-        return Hand(**lengths, px_per_mm=scale)
+        lengths = {name: text for name, text in vars(self).items() if text is not None and name != "scale"}
+        sizes: dict[str, Any] = {n: parse_scaled(text, _option_name(n), self.scale) for n, text in lengths.items()}
+        return Hand(**sizes, px_per_mm=_positive_scale(self.scale))
 
-    def hand_for(self, grasp: GivenGrasp) -> Hand | None:
+    def hand_for(self, grasp: CarriedGrasp) -> Hand | None:
         """The hand for the grasp of the first image, or None where nothing was said of one.
 
         Raises:
             InputError: as of `make_hand`; or contacts are given, and nothing is ever chosen.
         """
         named = [_option_name(name) for name, text in vars(self).items() if text is not None]
+        if grasp.tolerance is not None and named == ["--scale"]:  # it is that one's
+            named = []
         if not named:
             return None
-        if grasp.grasp is not None and not grasp.resynthesize:
+        if grasp.grasp is not None and not (grasp.resynthesize or grasp.next_object):
             raise InputError(f"{named[0]} is for choosing a grasp, but --grasp gives one: leave out one of them")
         return self.make_hand()
 
 
 def _option_name(field: str) -> str:
     return "--" + field.replace("_", "-")
+
+
+def _positive_scale(scale: float | None) -> float | None:
+    if scale is not None and not 0.0 < scale < math.inf:
+        raise InputError(f"--scale must be a positive number of px per mm, not {scale:g}", scale=scale)
+    return scale
+
+
+def parse_scaled(text: str, written: str, scale: float | None) -> Length:
+    """The length of an option, as written in an image of so many px per mm.
+
+    Raises:
+        InputError: no length, no positive scale, or mm or inches without one.
+    """
+    from grasptrack.grasp.hand import parse_length
+
+    length = parse_length(text, written)
+    if length.unit not in ("px", "size") and _positive_scale(scale) is None:
+        raise InputError(f"{written} {text} needs --scale, the px per mm of the image", text=text)
+    return length
 
 
 def parse_names(text: str | None) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from grasptrack.cli import first_image, options
+from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.advice import BackgroundVerdict, advice_for, note_candidates
 from grasptrack.cli.help_groups import as_asked
 from grasptrack.cli.terminal import Interruption, ProgressBar, RunInterruptedError, show_run
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from grasptrack.io.base import Frame
     from grasptrack.io.results import RunSummary
+    from grasptrack.segmentation.candidate import Candidate
     from grasptrack.tracking.result import TrackResult
 
 APART = 4
@@ -42,6 +43,15 @@ def track(
     hand: options.HandSize,
     known: options.KnownGeometry,
     images: options.SourceOptions,
+    start: Annotated[
+        int,
+        help_groups.option(
+            help_groups.SOURCE,
+            "FRAME",
+            "Index, from 0, of the image to start with, which is the first one then.",
+            min=0,
+        ),
+    ] = 0,
     output: options.Output = options.OUTPUT_FOLDER / "track",
     recording: options.RecordingOptions,
     no_video: options.NoVideo = False,
@@ -53,7 +63,11 @@ def track(
     The grasp is chosen in the first image with an object, for a hand as in `grasptrack synthesize`.
 
     Contacts are reported where the probability that they are wrong is below --risk. Wrong means that one is off by more than
-    3 px and 4 % of the root of the object's area, or that it is another object. Other frames are lost, with a reason.
+    3 px and 4 % of the root of the object's area, or than --tolerance, or that it is another object. Other frames are lost,
+    with a reason.
+
+    On a belt, --wait --next follows one object after another, each with its own grasp_id, from where it lies whole in view to
+    where it leaves the image. One that comes back is a new one; one hidden, blurred or lost in plain view is not given up.
 
     With --length, the object's length as a caliper measures it, every frame gives its distance, in that unit.
 
@@ -75,7 +89,8 @@ def track(
       grasptrack track "camera:0?size=1280x720&fps=30" --set exposure=200 --record run.mcap
       grasptrack track video.mp4 --object 320,240 --not 300,180 --segmenter u2netp
       grasptrack track video.mp4 --outline "120,80 420,90 430,300 110,310"
-      grasptrack track video.mp4 --risk 1e-5
+      grasptrack track video.mp4 --risk 1e-5 --tolerance 2%
+      grasptrack track video.mp4 --start 20 --wait --next
       grasptrack track video.mp4 --camera camera.yaml --length 120mm
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """
@@ -83,6 +98,7 @@ def track(
         **as_asked(grasp, hand, images, known),
         **first.as_written(),
         **recording.as_written(),
+        "start": start,
         "video": not no_video,
     }
     said = first.first_image(grasp.given_contacts())
@@ -96,15 +112,18 @@ def track(
     from grasptrack.io.sources import open_source
 
     settings = images.camera_settings()
-    frames = open_source(source, images.fps, settings=settings)
+    frames = open_source(source, images.fps, settings=settings).start_at(start)
     if first.mask is not None and first.segmenter is not None:
         raise InputError("--masks and --segmenter both say where the object is: give one of them")
     segmentation = None if first.mask is None else open_masks(first.mask, frames)
-    more = () if frames.live or frames.kind == "stdin" else _later_images(source, settings)
+    asks = not (frames.live or frames.kind == "stdin" or grasp.wait)  # who waits for a sure choice asks no other image
+    more = _later_images(source, settings, start) if asks else ()
     tracker = tracking.make_tracker(replace(first.with_images(said), more=more))
     recordings = recording.open_recordings(asked)
     quiet = quiet or recording.jsonl == "-"  # the standard output is for the lines
-    done, notes, looks = 0, list[str](), list[Any]()
+    done, chosen, notes = 0, False, list[str]()
+    looked_at: NDArray[Any] | None = None
+    seen: list[Candidate] = []
     foretells = not quiet and frames.kind != "image"  # of one image there is no run to foretell
     with Interruption() as interruption, BackgroundVerdict() as verdict:
         if isinstance(frames, LiveSource):
@@ -114,11 +133,11 @@ def track(
             with ProgressBar(quiet) as progress:
 
                 def report_frame(frame: Frame, result: TrackResult) -> None:
-                    nonlocal done
+                    nonlocal done, chosen, looked_at, seen
                     if not done:
                         notes.extend(first_image.scaling_notes(tracking.camera, frame.image.shape))
-                    if not looks and tracker.candidates:
-                        looks.append(frame.image)
+                    if tracker.candidates and not chosen:
+                        chosen, looked_at, seen = result.reason_code != "waiting", frame.image, tracker.candidates
                         if result.view is not None and result.view.is_clipped:
                             notes.append(
                                 "the object is cut by the border of its first image: the part in view is followed"
@@ -127,7 +146,7 @@ def track(
                     if foretells and result.located and not verdict.is_begun and tracker.first_scene is not None:
                         verdict.begin(tracker.first_scene)
                     progress.print(verdict.take_lines())
-                    progress.show_progress("tracking", done, frames.count)
+                    progress.show_progress("tracking", done, frames.count and frames.count - start)
                     interruption.raise_if_pressed()
 
                 summary = run_track(
@@ -151,18 +170,17 @@ def track(
     if frames.recorded_with not in ("", tracking_options(asked)):
         again = frames.recorded_with if len(frames.recorded_with) <= LONGEST else f'in its metadata, "{METADATA}"'
         notes.append(f"recorded with other options; those that give the same digits: {again}")
-    looked_at = looks[0] if looks else None
-    notes += note_candidates(tracker.candidates, looked_at, output, first.sure, meant=said.is_settled)
+    notes += note_candidates(seen, looked_at, output, first.sure, meant=said.is_settled)
     notes += advice_for(summary.codes, summary.frames)
     if not quiet:
         show_run(summary, output, notes)
 
 
-def _later_images(source: str, settings: Mapping[str, str]) -> Iterator[NDArray[Any]]:
-    """Every so many images of a source after its first; it is opened when they are asked for."""
+def _later_images(source: str, settings: Mapping[str, str], start: int) -> Iterator[NDArray[Any]]:
+    """Every so many images of a source after the one to start with; it is opened when they are asked for."""
     from grasptrack.io.sources import open_source
 
-    with open_source(source, settings=settings) as again:
+    with open_source(source, settings=settings).start_at(start) as again:
         for k, frame in enumerate(again):
             if k and k % APART == 0:
                 yield frame.image
@@ -171,7 +189,7 @@ def _later_images(source: str, settings: Mapping[str, str]) -> Iterator[NDArray[
 def _nothing_to_track(summary: RunSummary) -> str:
     reasons = summary.reasons.get("searching", {})
     why = next(iter(reasons), "")
-    if summary.object_seen:
+    if summary.object_seen or "waiting" in summary.codes:
         return f"no frame has a grasp to track: {why}"
     frames = "the only frame" if summary.frames == 1 else f"any of the {summary.frames} frames"
     return f"no object in {frames}" + (f": {why}" if why else "")

@@ -146,15 +146,10 @@ class Hand:
         """Check what can be checked without an object."""
         for name in ("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance"):
             given = getattr(self, name)
+            length = checked_length(given, name)
             if isinstance(given, str):
-                given = parse_length(given, name)
-                object.__setattr__(self, name, given)
-            wanted = "" if isinstance(given, Length) else arguments.number(given)
-            if wanted:
-                raise InputError(
-                    f'{name} must be {wanted} of px, a Length or a text such as "85mm", not {given!r}', name=name
-                )
-            value = as_length(given).value
+                object.__setattr__(self, name, length)
+            value = length.value
             if not value >= 0.0 or (name == "finger_width" and not 0.0 < value < math.inf):
                 raise InputError(f"{name} must be a positive length, not {value:g}", name=name, value=value)
             if name in ("finger_thickness", "clearance") and not math.isfinite(value):
@@ -178,6 +173,20 @@ class Hand:
                 max_opening=hand.max_opening,
             )
         return hand
+
+
+def checked_length(given: Length | float | str, name: str) -> Length:
+    """A length as users give it to a parameter of this name.
+
+    Raises:
+        InputError: of another type, or a text that is none.
+    """
+    if isinstance(given, str):
+        return parse_length(given, name)
+    wanted = "" if isinstance(given, Length) else arguments.number(given)
+    if wanted:
+        raise InputError(f'{name} must be {wanted} of px, a Length or a text such as "85mm", not {given!r}', name=name)
+    return as_length(given)
 
 
 def as_length(value: Length | float | str) -> Length:

@@ -19,6 +19,8 @@ from grasptrack.equality import compared_by_value
 from grasptrack.errors import SourceError
 
 Image = NDArray[Any]
+UNREAD: Image = np.zeros((0, 0), np.uint8)
+"""Stands for an image that is read past."""
 
 
 @compared_by_value
@@ -63,7 +65,8 @@ class Source(ABC):
             worked on is dropped.
         dropped: images of a live source that were not given since iterating began.
         reconnected: how many times a live source came back after it had gone.
-        count: number of frames, or None where it is not known.
+        first: index of the frame that iterating begins with; see `start_at`.
+        count: number of frames, those before the first included, or None where it is not known.
         exact: whether `count` is certain; for some videos it is estimated from the duration.
         fps: frames/s, or None.
         names: the frames' file names where frames are files, else empty.
@@ -81,6 +84,7 @@ class Source(ABC):
         if fps is not None and not (0.0 < fps < math.inf):
             raise SourceError(f"fps must be a positive number of frames/s, not {fps:g}", fps=fps)
         self.spec = spec
+        self.first = 0
         self.count: int | None = None
         self.exact = False
         self.fps = fps
@@ -95,17 +99,39 @@ class Source(ABC):
 
     @abstractmethod
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
-        """Images, their own times and their names, in order; whatever it holds open is released when it is closed."""
+        """Images, their own times and their names, in order; whatever it holds open is released when it is closed.
+
+        In the place of an image before `first` anything may be given that costs less.
+        """
+
+    def start_at(self, frame: int) -> Source:
+        """The source itself, to be iterated over from the frame of this index on; frames keep their indices and times.
+
+        Raises:
+            SourceError: it is live, or known to end before; where that is not known, iterating raises it.
+        """
+        if frame and self.live:
+            raise SourceError(f'"{self.spec}" is live and begins with the image that comes, not with frame {frame}')
+        if self.exact and self.count is not None and frame >= self.count:
+            raise self._end_before(frame, self.count)
+        self.first = frame
+        return self
+
+    def _end_before(self, frame: int, count: int) -> SourceError:
+        told = f'"{self.spec}" has {count} image{"s"[: count != 1]}, counted from 0: there is no frame {frame} to start with'
+        return SourceError(told, frame=frame, count=count)
 
     def __iter__(self) -> Iterator[Frame]:
         """The frames from the first."""
         self.close()
         self._running = running = self._read()
         size: tuple[int, ...] | None = None
-        latest = -math.inf
+        latest, index = -math.inf, -1
         with contextlib.closing(running):
             for index, (image, time, name) in enumerate(running):
-                if size is None:
+                if index < self.first:
+                    pass
+                elif size is None:
                     size = image.shape[:2]
                 elif image.shape[:2] != size:
                     raise SourceError(
@@ -123,7 +149,10 @@ class Source(ABC):
                 elif time is not None:
                     self._warn_of_time(name, time, latest)
                     time = None
-                yield Frame(index, time, image, name)
+                if index >= self.first:
+                    yield Frame(index, time, image, name)
+            if 0 <= index < self.first:
+                raise self._end_before(self.first, index + 1)
 
     def _warn_of_time(self, name: str, time: float, latest: float) -> None:
         """Say once of a source that its times do not go on."""

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from grasptrack import arguments
 from grasptrack.errors import InputError, SourceError
-from grasptrack.io.base import Image, Source
+from grasptrack.io.base import UNREAD, Image, Source
 from grasptrack.io.limits import check_size
 
 
@@ -168,14 +168,14 @@ class ImageSource(Source):
         self._paths = tuple(paths)
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
-        yield from read_all(self._paths)
+        yield from read_all(self._paths, self.first)
 
 
-def read_all(paths: Iterable[Path]) -> Generator[tuple[Image, float | None, str], None, None]:
-    """The images of a sequence in 8 bits, without times."""
+def read_all(paths: Iterable[Path], first: int = 0) -> Generator[tuple[Image, float | None, str], None, None]:
+    """The images of a sequence in 8 bits, without times; of those before `first` only one is read, which sets the scale."""
     to_eight = EightBits()
-    for path in paths:
-        yield to_eight(read_image(path)), None, path.name
+    for k, path in enumerate(paths):
+        yield UNREAD if 0 < k < first else to_eight(read_image(path)), None, path.name
 
 
 # --- sizes by headers ------------------------------------------------------------------------------

@@ -35,9 +35,10 @@ class Masks:
             return
         if source.live:
             raise SourceError("masks cannot be matched to a live source: record the images first")
-        stems = [Path(name).stem for name in source.names]
+        names = source.names[source.first :]
+        stems = [Path(name).stem for name in names]
         known = {p.stem: p for p in paths}
-        missing = [name for name, stem in zip(source.names, stems, strict=True) if stem not in known]
+        missing = [name for name, stem in zip(names, stems, strict=True) if stem not in known]
         if stems and len(missing) < len(stems):
             if missing:
                 raise SourceError(

@@ -31,9 +31,9 @@ HALF = 0.5
 _INSIDE_95 = 2.4477
 """Standard deviations within which 95 % of a normal distribution in the plane lie: sqrt(-2 ln 0.05)."""
 OPTIONS = (
-    *("strategy", "fingers", "friction", "risk", "grasp", "object", "not", "box", "outline", "choose", "sure"),
-    *("masks", "first_look_ms", "segmenter", "background", "ignore", "camera", "length", "pixel_aspect"),
-    *("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance", "scale", "resynthesize"),
+    *("strategy", "fingers", "friction", "risk", "grasp", "object", "not", "box", "outline", "choose", "sure", "wait"),
+    *("masks", "first_look_ms", "segmenter", "background", "ignore", "camera", "length", "pixel_aspect", "tolerance"),
+    *("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance", "scale", "resynthesize", "next"),
 )
 """Those of `grasptrack track` that decide what is tracked and how. The rate and the source's settings do not: a recording keeps
 the times."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import InputError, SourceError
-from grasptrack.io.base import Image, Source
+from grasptrack.io.base import UNREAD, Image, Source
 from grasptrack.io.limits import check_size, max_megapixels
 
 _TEXT_ART = frozenset({"ansi", "bintext", "xbin", "idf"})
@@ -96,7 +96,8 @@ class VideoSource(Source):
                 base = container.streams.video[0].time_base
                 for frame in decode_frames(container):
                     time = None if frame.pts is None else float(frame.pts * (frame.time_base or base))
-                    yield upright_image(frame), time, f"frame {index} of {self._path.name}"
+                    image = UNREAD if index < self.first else upright_image(frame)
+                    yield image, time, f"frame {index} of {self._path.name}"
                     if time is not None:
                         longest, last = max(longest, time - last if index else 0.0), time
                     index += 1

@@ -11,7 +11,7 @@ from typing import Any
 from grasptrack.first_image import FirstImage
 from grasptrack.geometry.cameras import Camera
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION
-from grasptrack.grasp.hand import Hand
+from grasptrack.grasp.hand import Hand, Length
 from grasptrack.io.recording import points_text
 from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter
 from grasptrack.tracking.follower import AUTO
@@ -34,6 +34,9 @@ class Settings:
     length: float | None = None
     pixel_aspect: float | None = None
     resynthesize: bool = False
+    tolerance: Length | None = None
+    wait: bool = False
+    next_object: bool = False
 
     def tracking_options(self, meant: FirstImage) -> dict[str, Any]:
         """As options of `grasptrack track`, by their names; images, hands and nets are none of it."""
@@ -44,6 +47,8 @@ class Settings:
             "risk": self.risk,
             "first_look_ms": meant.first_look_ms,
             "resynthesize": self.resynthesize,
+            "wait": self.wait,
+            "next": self.next_object,
             "object": points_text(meant.object_at),
             "not": points_text(meant.not_at),
             "box": None if meant.box is None else ",".join(map(repr, meant.box)),
@@ -58,19 +63,8 @@ class Settings:
         Raises:
             InputError: what does not go together.
         """
-        return GraspTracker(
-            **meant.tracker_arguments(),
-            fingers=self.fingers if meant.grasp is None else len(meant.grasp),
-            strategy=self.strategy,
-            friction=self.friction,
-            risk=self.risk,
-            hand=self.hand,
-            segmenter=self.segmenter,
-            camera=self.camera,
-            length=self.length,
-            pixel_aspect=self.pixel_aspect,
-            resynthesize=self.resynthesize,
-        )
+        fingers = self.fingers if meant.grasp is None else len(meant.grasp)
+        return GraspTracker(**meant.tracker_arguments(), **{**vars(self), "fingers": fingers})
 
 
 class TurnTaking:

@@ -12,14 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import arguments, kernels
 from grasptrack.errors import InputError
-from grasptrack.first_image import FIRST_IMAGE_CHECKS, FirstImage
+from grasptrack.first_image import FIRST_IMAGE_CHECKS
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.closure_probability import chance_of_closing
 from grasptrack.grasp.contact_regions import regions_of
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, analyze
-from grasptrack.grasp.hand import Hand
+from grasptrack.grasp.hand import Hand, Length
 from grasptrack.images import PLAIN
-from grasptrack.segmentation.segmenters import segmenter_for
 from grasptrack.statistics import robust_sd
 from grasptrack.trackability.appearance import Edges, Relief, edge_direction_noise, edges_of, gradient_statistics
 from grasptrack.trackability.evidence import (
@@ -53,7 +52,7 @@ from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.initialization import FirstScene, Wish
 from grasptrack.tracking.messages import StatusReason as Why
-from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.pose import contact_tolerance, largest_sigma
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.strategies import carrier_for
@@ -100,6 +99,7 @@ def inspect(
     background: NDArray[Any] | None = None,
     number: int | None = None,
     first_look_ms: float | None = None,
+    tolerance: Length | float | str | None = None,
 ) -> Suitability:
     """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
 
@@ -126,6 +126,7 @@ def inspect(
         background: an image of the same bench without the object; the light may differ.
         number: of the candidate to take, 1 being the likeliest.
         first_look_ms: work that the search for the object may do, see `first_look`.
+        tolerance: by which a contact may be off, as of `GraspTracker`.
 
     Raises:
         ObservationError: no object.
@@ -134,24 +135,27 @@ def inspect(
         GraspError: given contacts that are none, or not on an object.
         StrategyError: unknown strategy, or more fingers than it can carry.
     """
-    asked = GraspTracker(
-        fingers=fingers, strategy=strategy, friction=friction, grasp=grasp, object_at=object_at, box=box, risk=risk
-    )
     if runs < 1:
         raise InputError(f"at least 1 run must be drawn, not {runs}", runs=runs)
-    said = FirstImage.of(
-        object_at,
-        not_at=not_at,
-        box=box,
-        outline=outline,
+    asked = GraspTracker(
+        fingers=fingers,
+        strategy=strategy,
+        friction=friction,
         grasp=grasp,
-        number=number,
+        object_at=object_at,
+        box=box,
         ignore=ignore,
+        hand=hand,
+        segmenter=segmenter,
+        risk=risk,
+        not_at=not_at,
+        outline=outline,
         background=background,
+        number=number,
         first_look_ms=first_look_ms,
+        tolerance=tolerance,
     )
-    wish = Wish(said, asked.fingers, strategy, friction, hand, segmenter=segmenter_for(segmenter))
-    return _assess_view(first_view(image, mask, wish, risk, focal), _Inspection(strategy, friction, risk, focal, runs))
+    return _assess_view(first_view(image, mask, asked.wish, focal), _Inspection(asked.wish, focal, runs))
 
 
 def inspect_scene(scene: FirstScene, runs: int = RUNS, check: Callable[[], None] = lambda: None) -> Suitability:
@@ -169,16 +173,13 @@ def inspect_scene(scene: FirstScene, runs: int = RUNS, check: Callable[[], None]
     Raises:
         ObservationError: no object.
     """
-    asked = _Inspection(scene.strategy, scene.wish.friction, scene.risk, scene.before, runs, (AUTO,), check)
-    return _assess_view(first_view_of(scene), asked)
+    return _assess_view(first_view_of(scene), _Inspection(scene.wish, scene.before, runs, (AUTO,), check))
 
 
 class _Inspection(NamedTuple):
     """What `inspect` was asked, the strategies that are tried, and what is called before each run."""
 
-    strategy: str
-    friction: float
-    risk: float
+    wish: Wish
     focal: Beforehand | None
     runs: int
     tried: Sequence[str] = (AUTO, *ORDER)
@@ -190,26 +191,25 @@ def _assess_view(first: InspectedView, asked: _Inspection) -> Suitability:
     view, grey = first.candidate.view, first.grey
     edges = edges_of(view, grey, first.candidate.polarity)
     surface, ground = gradient_statistics(grey, view, first.ignore_mask)
-    target = first.carrier.follower.target if first.carrier else _create_target(first)
+    numbers = asked.wish.numbers_for(view)
+    target = first.carrier.follower.target if first.carrier else _create_target(first, numbers)
     looks = _measure_appearance(first, target, edges, surface)
     motions = motions_of(*edges.spaced_samples, _inertia_frame(view), edge_direction_noise(edges))
     whole = motions.models["homography"]
-    limit = largest_sigma(view.outer.area, NUMBERS.with_risk(asked.risk))
-    auto = asked.strategy == AUTO  # the others segment, in colour
+    limit, allowed = largest_sigma(view.outer.area, numbers), contact_tolerance(view.outer.area, numbers)
+    auto = asked.wish.strategy == AUTO  # the others segment, in colour
     stage = Stage(grey if auto else first.colours, PLAIN if auto else first.candidate.channel, surface.noise)
     prediction, fixed = None, None
     if first.carrier is not None:
         runs_drawn, looked = _simulate_runs(first, stage, asked)
         fixed = contact_evidence(first, target, looked, limit, whole.observable)
         # beyond its tolerance the tracker refuses
-        adrift = (
-            min(fixed.contact_deviations[2], contact_tolerance(view.outer.area, NUMBERS))
-            if fixed.by == "nothing"
-            else 0.0
-        )
+        adrift = min(fixed.contact_deviations[2], allowed) if fixed.by == "nothing" else 0.0
         prediction = predict_run(Drawn.from_runs(runs_drawn, math.sqrt(view.outer.area), adrift))
     refusal = "" if fixed is None else _refusal_reason(fixed.by != "nothing", fixed.covariance, limit)
-    grip = None if first.grasp is None else _assess_grasp(first, asked.friction, limit, fixed, prediction)
+    grip = (
+        None if first.grasp is None else _assess_grasp(first, asked.wish.friction, (limit, allowed), fixed, prediction)
+    )
     usable = strategies_of(first.held_grasp, view, grey, refusal, asked.tried)
     likeness = Likeness(first, target, stage)
     symmetry = symmetry_of(first, likeness, "similarity" in motions.motions[TURN].observed)
@@ -238,10 +238,9 @@ def _assess_view(first: InspectedView, asked: _Inspection) -> Suitability:
     )
 
 
-def _create_target(first: InspectedView) -> Target:
-    return make_target(
-        build_pyramid(first.grey), first.candidate.view, first.held_grasp.contacts, NUMBERS, first.ignore_mask
-    )
+def _create_target(first: InspectedView, numbers: Numbers) -> Target:
+    levels, numbers = build_pyramid(first.grey), numbers.for_learning(DEFAULT_RISK)
+    return make_target(levels, first.candidate.view, first.held_grasp.contacts, numbers, first.ignore_mask)
 
 
 def _simulate_runs(first: InspectedView, stage: Stage, asked: _Inspection) -> tuple[list[SimulatedRun], list[Looked]]:
@@ -258,7 +257,8 @@ def _simulate_runs(first: InspectedView, stage: Stage, asked: _Inspection) -> tu
         if carrier is None:  # each run begins with one that has learned nothing
             first.observer.set_image(first.colours)
             first.observer.choose_object(first.candidate)
-            carrier = carrier_for(asked.strategy, grasp, view, grey, None, first.observer, asked.risk, asked.focal)
+            numbers = asked.wish.numbers_for(view)
+            carrier = carrier_for(asked.wish.strategy, grasp, view, grey, None, first.observer, numbers, asked.focal)
         run, looked = simulate_tracking(carrier, first, stage, steps)
         made.append(run)
         seen, carrier = seen or looked, None
@@ -305,9 +305,16 @@ def _measure_appearance(first: InspectedView, target: Target, edges: Edges, surf
 
 
 def _assess_grasp(
-    first: InspectedView, friction: float, limit: float, fixed: Settled | None, prediction: Prediction | None
+    first: InspectedView,
+    friction: float,
+    limits: tuple[float, float],
+    fixed: Settled | None,
+    prediction: Prediction | None,
 ) -> Held:
-    """The grasp with the errors to be expected of its contacts: in the ratios of their covariances, as large as predicted."""
+    """The grasp with the errors to be expected of its contacts: in the ratios of their covariances, as large as predicted.
+
+    `limits` are px: of a standard deviation, and by how much a contact may be off.
+    """
     grasp, view = first.held_grasp, first.candidate.view
     covariance = unfixed_covariance(first) if fixed is None else fixed.covariance
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
@@ -322,6 +329,6 @@ def _assess_grasp(
         chance=chance_of_closing(regions_of(grasp, view, friction), known**2 * covariance),
         sigma=known * sigma,
         covariance=known**2 * covariance,
-        limit=limit,
-        tolerance=contact_tolerance(view.outer.area, NUMBERS),
+        limit=limits[0],
+        tolerance=limits[1],
     )

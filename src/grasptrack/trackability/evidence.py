@@ -201,7 +201,9 @@ class Likeness:
         found = []
         for hypothesis in turned_hypotheses(self.target, own):
             other = single_estimate(self._state, self._again, hypothesis)
-            if other is None or same_place(own, other, NUMBERS) or told_apart(self._state, own, other, NUMBERS.risk):
+            if other is None or same_place(own, other, self.target.numbers):
+                continue
+            if told_apart(self._state, own, other, NUMBERS.risk):
                 continue
             x, y = self.target.outline.mean(axis=0).tolist()
             found.append(math.degrees(rotation_at(np.linalg.inv(own.G) @ other.G, x, y)) % 360.0)

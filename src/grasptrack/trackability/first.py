@@ -58,9 +58,7 @@ class InspectedView(NamedTuple):
         return self.grasp or Grasp(outer.points[[0, len(outer) // 2]])
 
 
-def first_view(
-    image: NDArray[Any], mask: NDArray[Any] | None, wish: Wish, risk: float, focal: Beforehand | None
-) -> InspectedView:
+def first_view(image: NDArray[Any], mask: NDArray[Any] | None, wish: Wish, focal: Beforehand | None) -> InspectedView:
     """Object and grasp as `GraspTracker.update` chooses them in a first image; `focal` as for `Plane`.
 
     Raises:
@@ -74,7 +72,7 @@ def first_view(
     colours = to_bgr(image) if mask is None else mask_as_scene(mask, shape)
     observer.set_image(colours)
     chosen = initialization.first_view(observer, wish, mask is not None)
-    return _view_of(FirstScene(observer.colours, mask is not None, chosen, wish, wish.strategy, risk, focal), observer)
+    return _view_of(FirstScene(observer.colours, mask is not None, chosen, wish, focal), observer)
 
 
 def first_view_of(scene: FirstScene) -> InspectedView:
@@ -90,7 +88,7 @@ def first_view_of(scene: FirstScene) -> InspectedView:
 
 def _view_of(scene: FirstScene, observer: OutlineDetector) -> InspectedView:
     """The object, the grasp on it, and what carries it, of a choice in the image that an observer has looked at."""
-    colours, masked, chosen, wish, strategy, risk, before = scene
+    colours, masked, chosen, wish, before = scene
     candidate, reason = chosen.candidate, chosen.reason.sentence
     if candidate is None:
         raise ObservationError(reason)
@@ -101,10 +99,10 @@ def _view_of(scene: FirstScene, observer: OutlineDetector) -> InspectedView:
         except ObservationError:
             found = []
     others = initialization.other_objects(found, candidate)
-    start = start_tracking(chosen, strategy, grey, observer, risk=risk, before=before)
+    start = start_tracking(chosen, wish, grey, observer, before=before)
     if start.carrier is None:
         start = start._replace(grasp=chosen.grasps[0] if chosen.grasps else None)
-        reason = f"no grasp that {strategy} can carry: {start.refusal}" if start.refusal else reason
+        reason = f"no grasp that {wish.strategy} can carry: {start.refusal}" if start.refusal else reason
     reason = "" if start.carrier else reason
     candidates = distinct_candidates(chosen.found)
     return InspectedView(candidate, colours, observer, grey, others, start.grasp, start.carrier, reason, candidates)

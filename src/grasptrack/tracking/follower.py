@@ -38,7 +38,7 @@ from grasptrack.tracking.hypotheses import Predictions, Solutions, located_groun
 from grasptrack.tracking.learning import learn, lose
 from grasptrack.tracking.mending import Mended, Mender
 from grasptrack.tracking.messages import StatusReason
-from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.pose import (
     CONTINUOUS,
     TRIED,
@@ -101,13 +101,13 @@ class Follower:
         contacts: (k, 2) px in it.
         time: s, or None.
         observer: finds outlines of the object, and knows where no image shows anything of the scene; see `Redetection`.
-        risk: probability below which an answer may be wrong.
+        numbers: the core's, with the risk and the tolerance that are asked for.
         before: what is known of camera and tilt beforehand, as for `Plane`.
 
     Attributes:
         state: of the object.
         redetection: finds it after a loss.
-        risk: as given; images teach only what is sure at the default risk too.
+        risk: that is asked for; images teach only what is sure at the default risk too.
         mended: the share of the first outline that was none, once that was found out; else 0.
     """
 
@@ -118,13 +118,13 @@ class Follower:
         contacts: Floats,
         time: float | None = None,
         observer: OutlineDetector | None = None,
-        risk: float = DEFAULT_RISK,
+        numbers: Numbers = NUMBERS,
         before: Beforehand | None = None,
     ) -> None:
         levels = build_pyramid(grey)
-        self.risk, self._observer = risk, observer
+        self.risk, self._observer = numbers.risk, observer
         self._hidden = None if observer is None else observer.hidden
-        target = make_target(levels, view, contacts, NUMBERS.for_learning(risk), self._hidden)
+        target = make_target(levels, view, contacts, numbers.for_learning(DEFAULT_RISK), self._hidden)
         self.state = first_state(target, levels, before, time)
         self.redetection = Redetection(target, levels, observer, self._hidden)
         self.mended = 0.0

@@ -15,6 +15,7 @@ from grasptrack.errors import (
     ConditioningError,
     ContourError,
     GraspError,
+    InputError,
     ObservationError,
     StrategyError,
     TransferError,
@@ -24,7 +25,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, ON_OUTLINE
-from grasptrack.grasp.hand import Hand
+from grasptrack.grasp.hand import Hand, Length
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.segmentation.candidate import Candidate, numbered_candidate, remove_nested
@@ -33,7 +34,7 @@ from grasptrack.segmentation.segmenters import Segmenter
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.messages import StatusReason
-from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.pose import contact_tolerance
 from grasptrack.tracking.strategies import Carrier, carrier_for
 from grasptrack.transfer import strategy_named
@@ -59,6 +60,9 @@ class Wish:
         hand: that a synthesised grasp must suit.
         choose: the user's choice in the place of synthesis.
         segmenter: proposes regions beside the own search.
+        risk: probability below which an answer may be wrong.
+        tolerance: by which a contact may be off, px or a share, as this image shows the object; None has the core's own.
+        waits: only an object that lies whole in view, and whose choice is sure, will do.
         before: the outline that the object had in the image before, where it needs another grasp.
         plane: tells of an outline the homography (3, 3) from px to its own plane, in which a grasp is to be chosen; None where
             nothing is known but that the view may be frontal.
@@ -71,6 +75,9 @@ class Wish:
     hand: Hand | None = None
     choose: Callable[[View], Sequence[Grasp]] | None = None
     segmenter: Segmenter | None = None
+    risk: float = DEFAULT_RISK
+    tolerance: Length | None = None
+    waits: bool = False
     before: View | None = None
     plane: Callable[[View], Floats] | None = None
 
@@ -78,6 +85,26 @@ class Wish:
         """Another grasp on the object that has this outline, chosen in its plane."""
         said = replace(self.said.of_no_object(), background=None)
         return replace(self, said=said, before=view, plane=plane)
+
+    def is_sure_of(self, candidate: Candidate) -> bool:
+        """Whether a person said which outline is meant, or its choice is sure."""
+        settled = self.said.grasp is not None or self.said.number is not None
+        settled = settled or (
+            self.said.outline is not None and not self.waits
+        )  # an outline may be of a place that is empty
+        return settled or candidate.probability >= self.said.sure
+
+    def for_next(self) -> Wish:
+        """A grasp on whatever object comes next, once it lies whole in view."""
+        return replace(self, said=self.said.of_no_object(), before=None, plane=None, waits=True)
+
+    def numbers_for(self, view: View) -> Numbers:
+        """The core's for an object of this outline, with the risk and the tolerance that are asked for."""
+        numbers = NUMBERS.with_risk(self.risk)
+        if self.tolerance is None:
+            return numbers
+        size = math.sqrt(view.outer.area)
+        return numbers.with_tolerance(self.tolerance.in_px(size, None) / size)
 
 
 class FirstView(NamedTuple):
@@ -113,9 +140,19 @@ def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView
         found = observer.find_objects(replace(wish.said, masked=masked), None if masked else wish.segmenter)
     except ObservationError as error:
         return FirstView(None, [], StatusReason("no-object", detail=str(error)), [])
-    candidate = _choose_candidate(found, wish)
+    waits = wish.waits and wish.before is None
+    try:
+        candidate = _choose_candidate(found, wish)
+    except (GraspError, InputError) as error:
+        if not waits:
+            raise
+        return FirstView(None, [], StatusReason("waiting", detail=str(error)), found)
     if candidate is None:
         return FirstView(None, [], StatusReason("object-gone"), found)
+    if waits and candidate.view.is_clipped:
+        return FirstView(None, [], StatusReason("waiting", detail="the likeliest is cut off"), found)
+    if waits and not (masked or wish.is_sure_of(candidate)):
+        return FirstView(None, [], StatusReason("waiting", {"choice": candidate.probability}), found)
     chosen, why = _choose_grasps(candidate, found, wish)
     reason = StatusReason() if chosen else StatusReason("no-grasp", detail=why)
     doubt = 0.0
@@ -132,8 +169,6 @@ class FirstScene(NamedTuple):
         masked: it is a mask.
         chosen: the object and the grasps on it.
         wish: what was asked.
-        strategy: that carries the grasp.
-        risk: probability below which an answer may be wrong.
         before: what was known of camera and tilt, or None.
     """
 
@@ -141,8 +176,6 @@ class FirstScene(NamedTuple):
     masked: bool
     chosen: FirstView
     wish: Wish
-    strategy: str
-    risk: float
     before: Beforehand | None
 
 
@@ -162,20 +195,20 @@ class TrackingStart(NamedTuple):
 
 def start_tracking(
     first: FirstView,
-    strategy: str,
+    wish: Wish,
     grey: Grey,
     observer: OutlineDetector,
     time: float | None = None,
-    risk: float = DEFAULT_RISK,
     before: Beforehand | None = None,
 ) -> TrackingStart:
     """The first grasp of a first view that the strategy can carry, and what carries it; arguments as for `carrier_for`."""
     refusal = ""
     if first.candidate is None:
         return TrackingStart(None, None, refusal)
+    view, numbers = first.candidate.view, wish.numbers_for(first.candidate.view)
     for grasp in first.grasps:
         try:
-            carrier = carrier_for(strategy, grasp, first.candidate.view, grey, time, observer, risk, before)
+            carrier = carrier_for(wish.strategy, grasp, view, grey, time, observer, numbers, before)
         except TransferError as error:
             refusal = refusal or str(error)
             continue
@@ -215,7 +248,7 @@ def _choose_candidate(found: list[Candidate], wish: Wish) -> Candidate | None:
 def _choose_grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> tuple[list[Grasp], str]:
     """Grasps on an object, and why there is none."""
     if wish.said.grasp is not None:
-        return [_placed_grasp(wish.said.grasp, candidate.view, wish.strategy)], ""
+        return [_placed_grasp(wish.said.grasp, candidate.view, wish)], ""
     if wish.choose is not None:
         chosen = list(wish.choose(candidate.view))
         if any(len(grasp) != wish.fingers for grasp in chosen):
@@ -225,7 +258,7 @@ def _choose_grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> 
     return synthesize_grasps(candidate.view, wish.strategy, wish.fingers, wish.friction, wish.hand, beside, wish.plane)
 
 
-def _placed_grasp(given: Grasp, view: View, strategy: str) -> Grasp:
+def _placed_grasp(given: Grasp, view: View, wish: Wish) -> Grasp:
     """Given contacts on an outline, those of them that are only a little beside it.
 
     Who gives a contact means a point of the object. A little beside the outline that is taken for the edge under the finger;
@@ -233,9 +266,10 @@ def _placed_grasp(given: Grasp, view: View, strategy: str) -> Grasp:
     outline alone cannot carry such a one.
     """
     snapped = given.snapped(view)
-    if strategy != AUTO:
+    if wish.strategy != AUTO:
         return snapped
-    far = np.hypot(*(snapped.contacts - given.contacts).T) > 0.5 * contact_tolerance(view.outer.area, NUMBERS)
+    allowed = contact_tolerance(view.outer.area, wish.numbers_for(view))
+    far = np.hypot(*(snapped.contacts - given.contacts).T) > 0.5 * allowed
     return Grasp.of(np.where(far[:, None], given.contacts, snapped.contacts), given.quality)
 
 

@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 
+from grasptrack.errors import ConditioningError
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.decision import Decision, squared_way
 from grasptrack.tracking.evidence import agreeing_share, contact_testimony, outline_surprisal
 from grasptrack.tracking.hypotheses import Predictions
@@ -31,6 +33,8 @@ UNSURE_PRESENCE = 0.5
 """Most that an image in which nothing was accepted tells of the object's presence."""
 FOLLOWED_PRESENCE = 0.999
 """Presence from which on what shows another shape or surface is followed all the same, whatever risk is taken."""
+STEADY = 0.5
+"""Share of the larger of two motions in a row that the other one has at least, of what goes on its way."""
 LEAST_WANDER = 0.05
 """What rests may be pushed: `TrackState.wander` is never less."""
 LEAST_AGILITY = 0.01
@@ -62,6 +66,7 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     state.last, state.visible, state.P = Look(levels, e.G), e.visible, e.P
     state.presence, state.coasting = _clamp(decision.presence, numbers.redetected, 1.0 - numbers.hazard), None
     state.expected, state.anchored, state.unseen, state.adrift, state.lost = e.G, True, 0.0, 0.0, 0
+    state.leaving, state.left = False, 0
     if decision.is_accepted or decision.code == "outline-open":
         state.sightings.add(e.contacts, contact_testimony(state, e), state.passed_s, numbers)
     else:
@@ -107,12 +112,11 @@ def lose(
         if _away_from_rest(state, predictions.background) <= decision.tolerance:  # it rests, or may have
             state.coasting = None
     most = 1.0 - state.numbers.hazard if _moves_on(state, decision, predictions.background) else UNSURE_PRESENCE
-    if state.coasting is not None and (coasted := state.coasted()) is not None:
-        (x, y), (height, width) = mean_point(state.target.carried_contacts(coasted)), levels[0].shape
+    coasted = state.coasted()
+    _note_leaving(state, background if coasted is None and state.anchored else coasted, levels[0].shape)
+    if state.coasting is not None and coasted is not None:  # what left the image comes back otherwise
         on = state.coasting._replace(steps=state.coasting.steps + state.steps)
-        state.coasting = (
-            on if 0.0 <= x < width and 0.0 <= y < height else None
-        )  # what left the image comes back otherwise
+        state.coasting = None if state.left else on
     state.lost += 1
     seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > EXCHANGE_SEEN
     state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
@@ -146,6 +150,22 @@ def lose(
     state.presence = _clamp(decision.presence, state.numbers.redetected, most)
     if e is not None:
         state.P = e.P
+
+
+def _note_leaving(state: TrackState, there: Floats | None, shape: tuple[int, ...]) -> None:
+    """Whether what was lost in this image, or before, goes out of it: by its place (3, 3), None where that is not known."""
+    if there is None:
+        state.left += state.left > 0
+        return
+    (x, y), (height, width) = mean_point(state.target.carried_contacts(there)), shape
+    if not state.lost:
+        steady = min(state.moved) > STEADY * max(state.moved)  # a jump leads nowhere
+        try:
+            u, v = apply_homography(there if steady else state.last.G, state.target.outline).T
+        except ConditioningError:
+            return
+        state.leaving = not (u.min() >= 0.0 and u.max() < width and v.min() >= 0.0 and v.max() < height)
+    state.left = 0 if 0.0 <= x < width and 0.0 <= y < height else state.left + 1
 
 
 def _moves_on(state: TrackState, decision: Decision, background: Floats | None) -> bool:

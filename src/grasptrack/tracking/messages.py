@@ -9,6 +9,7 @@ SENTENCES = {
     "no-object": "",
     "object-gone": "the object that needs a new grasp is not where it was",
     "no-grasp": "no stable grasp",
+    "waiting": "no object lies whole in view yet, and its choice sure",
     "no-description": "no grasp that the strategy can carry",
     # lost: the codes of `decision`
     "not-found": "the object was not found in this image",
@@ -44,6 +45,7 @@ FIGURES = {
     "sigma": "standard deviation {:.1f} px",
     "distance": "{:.1f} px off",
     "tolerance": "{:.1f} px would be wrong",
+    "choice": "the likeliest is it with {:.0%}",
     "aspect": "they fit pixels {:.2f} times as wide as high",
     "thickness": "it is {:.0%} as thick as large",
     "chance": "the chance that it closes is {:.0%}",

@@ -114,6 +114,10 @@ class Numbers:
         """
         return self.with_risk(min(self.risk, check_risk(risk)))
 
+    def with_tolerance(self, share: float) -> Numbers:
+        """The same where a contact may be off by this share of sqrt(area), in whatever size it is seen."""
+        return replace(self, tolerance=share, tolerance_px=0.0)
+
 
 OWN = Path(__file__).with_name("numbers.json")
 """The values that the package comes with."""

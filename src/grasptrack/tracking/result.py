@@ -35,10 +35,10 @@ class TrackResult:
         edge: 0 to 1, the share of the whole outline whose own edge was observed; NaN without contacts.
         surface: 0 to 1, the share of the surface's patches that agree with the answer; 0 of a plain one, NaN without contacts.
         analysis: the grasp's analysis, in the object's own plane; None with the contacts.
-        confidence: 0 to 1, the complement of the probability that a contact is off by more than 3 px and 4 % of sqrt(area), or
-            on another object. Lost frames tell that of the best guess, which was not sure enough to be given: at most 1 - risk,
-            and 0 where there is none. Never beyond what runs of scenes have shown (`untested` in docs/tables/numbers.md); 1 in
-            the first view, by definition.
+        confidence: 0 to 1, the complement of the probability that a contact is off by more than the tolerance, 3 px and 4 % of
+            sqrt(area) unless another is asked for, or on another object. Lost frames tell that of the best guess, which was not
+            sure enough to be given: at most 1 - risk, and 0 where there is none. Never beyond what runs of scenes have shown
+            (`untested` in docs/tables/numbers.md); 1 in the first view, by definition.
         chance: probability, 0 to 1, that the grasp closes although the contacts may be off by their covariance, the least that
             it is (`closing.chance_of_closing`), and the object's plane tilted otherwise; NaN where no covariance is known.
         homography: (3, 3) H_current_reference where the transfer gives one.

@@ -17,6 +17,8 @@ NO_BEND: Floats = np.zeros((3, 8))
 """The bend of what does not move, or of what moves in an unknown way."""
 MAX_LOG_ODDS = 500.0
 """Log of odds beyond which nothing changes."""
+LEFT_IMAGES = 3
+"""Images after which what went out of view is not on its way back, as what a hand shakes is."""
 SHORTEST_STEP = 1e-3
 """Usual intervals between two images, at least, where something is divided by them."""
 
@@ -286,6 +288,7 @@ class TrackState:
         slope: sd of the change of depth over half the object, as a share, when it was located.
         adrift: frames since the background last told how far the camera is, or the object itself.
         gone: since it was located its place was seen without it.
+        leaving: the border cut its place when it was lost; left: images in a row since that lies out of view.
         exchanged: the last image showed something else in its place.
         lookalike: something just like it was seen elsewhere; beside: the same, while it was seen in its place itself.
         equals: (n, 2) work px from the object's middle to those of what is just like it in the first view.
@@ -343,6 +346,8 @@ class TrackState:
     slope: float = 0.0
     adrift: float = 0.0
     gone: bool = False
+    leaving: bool = False
+    left: int = 0
     exchanged: bool = False
     lookalike: bool = False
     beside: bool = False
@@ -372,6 +377,11 @@ class TrackState:
         G, velocity, steps = self.coasting
         moved = np.asarray(self.target.handle.moved(G, velocity * (steps + self.steps)), dtype=np.float64)
         return moved if math.isfinite(float(moved.sum())) else None
+
+    @property
+    def has_left(self) -> bool:
+        """Whether it went out over the border of the image, and did not come back at once."""
+        return self.leaving and self.left >= LEFT_IMAGES
 
     @property
     def drifted(self) -> float:

@@ -19,7 +19,7 @@ from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.follower import AUTO, Follower, Moved, Registration, StrategyProposal
 from grasptrack.tracking.messages import StatusReason
-from grasptrack.tracking.numbers import DEFAULT_RISK
+from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.pose import Hypothesis
 from grasptrack.tracking.redetection import wide_prior
 from grasptrack.transfer import rrp, strategy_named
@@ -55,7 +55,7 @@ def carrier_for(
     grey: Grey,
     time: float | None,
     observer: OutlineDetector,
-    risk: float = DEFAULT_RISK,
+    numbers: Numbers = NUMBERS,
     before: Beforehand | None = None,
 ) -> Carrier:
     """What carries a grasp from the view in which it was chosen.
@@ -65,14 +65,14 @@ def carrier_for(
         grasp, view: contacts and outline of the object.
         grey, time: (H, W) the image and when it was taken, s.
         observer: of the object.
-        risk: probability below which an answer may be wrong.
+        numbers: the core's, with the risk and the tolerance that are asked for.
         before: what is known of camera and tilt beforehand, as for `Plane`.
 
     Raises:
         TransferError: the strategy cannot describe the grasp on this outline.
     """
     extractor = None if strategy == AUTO else _make_extractor(strategy, grasp, view, grey)
-    follower = Follower(grey, view, grasp.contacts, time, observer, risk, before)
+    follower = Follower(grey, view, grasp.contacts, time, observer, numbers, before)
     if extractor is None:
         return Registration(follower)
     return Alone(strategy, follower, extractor, observer)

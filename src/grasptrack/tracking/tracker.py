@@ -22,7 +22,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.grasp.closure_probability import CHANCE, ClosureCheck, Judgement
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
-from grasptrack.grasp.hand import Hand
+from grasptrack.grasp.hand import Hand, Length, checked_length
 from grasptrack.images import Grey
 from grasptrack.segmentation.candidate import Candidate, distinct_candidates
 from grasptrack.segmentation.outline_detector import OutlineDetector
@@ -112,11 +112,20 @@ class GraspTracker:
             Everything that goes in and comes out stays in px of the images as they are, but for the homography, which is in
             ideal px.
         risk: probability, between 0 and 1, below which an answer may be wrong: contacts are given where one is off by more
-            than 3 px and 4 % of sqrt(area), or on another object, with less than this. Smaller means fewer and surer answers.
+            than 3 px and 4 % of sqrt(area) (`tolerance`), or on another object, with less than this. Smaller means fewer and
+            surer answers.
         length: of the object, in any unit: the longer side of the smallest rectangle round its outline, as a caliper measures
             it. Results then tell their `distance` in this unit.
         pixel_aspect: width of a pixel over its height, as of an image that was squeezed; a calibration says it itself. Without
             it views that differ tell, and the notice "not-pinhole".
+        tolerance: by which a contact may be off, in their place: px, a Length or a text such as
+            "5%"; mm need the scale of `hand`. It is one on the object, as the image shows that in which the grasp is chosen,
+            and goes with its size.
+        wait: begin only when an object lies whole in view and its choice is sure; until then results are searching,
+            "waiting".
+        next_object: when the object has left the image, go on with the next one that lies whole in view, by a new grasp_id.
+            What is said of the first image, but for `ignore` and `background`, is of the first object alone. One that comes
+            back is a new one. What is hidden, blurred or lost in plain view is not given up.
 
     Attributes:
         candidates: up to three objects that the first look may take, the likeliest first, with `view` and `probability`; empty
@@ -147,6 +156,8 @@ class GraspTracker:
         sure=arguments.number,
         first_look_ms=arguments.optional(arguments.number),
         resynthesize=arguments.truth,
+        wait=arguments.truth,
+        next_object=arguments.truth,
     )
     def __init__(
         self,
@@ -173,6 +184,9 @@ class GraspTracker:
         more: Iterable[NDArray[Any]] = (),
         sure: float = DEFAULT_SURE,
         first_look_ms: float | None = None,
+        tolerance: Length | float | str | None = None,
+        wait: bool = False,
+        next_object: bool = False,
     ) -> None:
         given = None if grasp is None else Grasp(grasp)  # before the number of fingers, which it sets
         self.fingers = _checked_fingers(fingers if given is None else len(given), strategy, given)
@@ -192,6 +206,9 @@ class GraspTracker:
             raise InputError("a calibration says how wide pixels are: leave out pixel_aspect")
         self.length, self.pixel_aspect = length, pixel_aspect
         self.strategy, self.friction, self.risk = strategy, friction, check_risk(risk)
+        allowed = None if tolerance is None else _checked_tolerance(tolerance, hand)
+        if next_object and given is not None:
+            _checked_fingers(self.fingers, strategy, None)  # the next object's are chosen
         regions = segmenter_for(segmenter)
         self._masks = regions if isinstance(regions, OneMask) else None
         said = FirstImage.of(
@@ -207,8 +224,8 @@ class GraspTracker:
             sure=sure,
             first_look_ms=first_look_ms,
         )
-        self._wish = Wish(said, self.fingers, strategy, friction, hand, choose, regions)
-        self._resynthesize, self._camera = resynthesize, camera
+        self._wish = Wish(said, self.fingers, strategy, friction, hand, choose, regions, self.risk, allowed, wait)
+        self._resynthesize, self._next, self._camera = resynthesize, next_object, camera
         self._lens: Undistortion | None = None
         self._shape: tuple[int, ...] | None = None
         self._observer = OutlineDetector()
@@ -301,12 +318,12 @@ class GraspTracker:
         candidate, reason = first.candidate, first.reason
         if candidate is None:
             return _make_result(moment, "searching", reason)
-        self._scene = FirstScene(self._observer.colours, masked, first, wish, self.strategy, self.risk, before)
+        self._scene = FirstScene(self._observer.colours, masked, first, wish, before)
         if self._wish.before is None:
-            self.object_sure = masked or wish.said.is_settled or candidate.probability >= wish.said.sure
+            self.object_sure = masked or wish.is_sure_of(candidate)
             self._object_probability = candidate.probability
         grey = self._observer.choose_object(candidate)
-        start = start_tracking(first, self.strategy, grey, self._observer, moment.time, self.risk, before)
+        start = start_tracking(first, wish, grey, self._observer, moment.time, before)
         if start.carrier is None or start.grasp is None:
             if start.refusal:
                 reason = StatusReason("no-description", detail=start.refusal)
@@ -362,6 +379,8 @@ class GraspTracker:
             or moved.covariance is None
         ):
             sure = moved.decision.confidence
+            if self._next and track.follower.state.has_left:
+                self._track, self._wish = None, self._wish.for_next()
             return _make_result(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure)
         target, plane = track.follower.target, track.follower.state.plane
         H, homography_covariance = target.homography_and_covariance(estimate.G, moved.covariance)
@@ -394,6 +413,11 @@ class GraspTracker:
             covariance=covariance,
             view=moved.view,
         )
+
+    @property
+    def wish(self) -> Wish:
+        """What is asked of the image in which an object is chosen, for `trackability.inspect`."""
+        return self._wish
 
     @property
     def first_scene(self) -> FirstScene | None:
@@ -464,6 +488,19 @@ def _checked_fingers(fingers: int, strategy: str, given: Grasp | None) -> int:
             f"grasps are synthesised for 2 or 3 fingers, not {fingers}; give the contacts", fingers=fingers
         )
     return fingers
+
+
+def _checked_tolerance(given: Length | float | str, hand: Hand | None) -> Length:
+    """By how much a contact may be off, in px or as a share of the object's size.
+
+    Raises:
+        InputError: no positive length, or one in mm of a hand without scale.
+    """
+    length = checked_length(given, "tolerance")
+    if not 0.0 < length.value < math.inf:
+        raise InputError(f"tolerance must be a positive length, not {given!r}", tolerance=repr(given))
+    scale = None if hand is None else hand.px_per_mm
+    return length if length.unit == "size" else Length(length.in_px(1.0, scale))
 
 
 def _make_closure_check(grasp: Grasp, view: View, friction: float) -> ClosureCheck:

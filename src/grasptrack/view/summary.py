@@ -67,13 +67,14 @@ class BinnedCurves:
 
     def __init__(self, path: Path, frames: int) -> None:
         self.bins = min(frames, _COLUMNS)
-        self.frames = frames
+        self.frames, self.first = frames, 0
         self.low = {name: np.full(self.bins, np.nan) for name in _NAMES}
         self.high = {name: np.full(self.bins, np.nan) for name in _NAMES}
         votes = np.zeros((self.bins, len(_ORDER)), dtype=np.int64)
         for row, cells in enumerate(_read_rows(path)):
             if row >= frames:
                 break
+            self.first = int(cells["frame"]) - row
             place = row * self.bins // frames
             votes[place, _ORDER.index(cells["status"])] += 1
             for name in _NAMES:
@@ -87,14 +88,14 @@ class BinnedCurves:
     def bin_centres(self) -> NDArray[np.float64]:
         """(bins,) frame number in the middle of each bin."""
         step = self.frames / self.bins
-        return np.asarray(np.arange(self.bins) * step + (step - 1) / 2, dtype=np.float64)
+        return np.asarray(self.first + np.arange(self.bins) * step + (step - 1) / 2, dtype=np.float64)
 
     def status_spans(self) -> Iterator[tuple[str, float, float]]:
         """Status, first and last frame (half a frame beyond either) of each stretch of one status."""
         edges = [0, *(np.flatnonzero(np.diff(self.status)) + 1).tolist(), self.bins]
         step = self.frames / self.bins
         for start, stop in pairwise(edges):
-            yield _ORDER[int(self.status[start])], start * step - 0.5, stop * step - 0.5
+            yield _ORDER[int(self.status[start])], self.first + start * step - 0.5, self.first + stop * step - 0.5
 
 
 def _read_rows(path: Path) -> Iterator[dict[str, str]]:
@@ -179,7 +180,7 @@ def _show_curves(figure: Any, curves: BinnedCurves, summary: RunSummary) -> None
     )
     _latency_axis(latency, curves, summary)
     latency.set_xlabel("frame", color=INK)
-    latency.set_xlim(-0.5, max(curves.frames - 0.5, 0.5))
+    latency.set_xlim(curves.first - 0.5, curves.first + max(curves.frames - 0.5, 0.5))
     latency.xaxis.set_major_locator(MaxNLocator(integer=True))
     marks = [
         Patch(
