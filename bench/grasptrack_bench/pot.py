@@ -59,7 +59,7 @@ def read_corners(path: Path) -> Floats:
         path: of the corners; the flags lie beside them, or all are 0.
 
     Raises:
-        InputError: missing or unreadable file, a row of another length, or as many flags as there are no rows.
+        InputError: missing or unreadable file, a row of another length, or another number of flags.
     """
     corners, flags = _read_numbers(path, 8), path.with_name(path.name.replace(POINTS, FLAG))
     scored = corners.any(axis=1)
@@ -114,7 +114,7 @@ def _case_of(name: str, path: Path, folder: Path, every: int, given: Given, risk
     corners = read_corners(table)
     video = path / "img" if (path / "img").is_dir() else path
     with open_source(video) as source:
-        count = source.count or 0
+        count = source.count if source.exact and source.count is not None else 0  # some videos' count is a guess
     if count > len(corners):
         raise InputError(f'"{table}" has {len(corners)} rows for {count} images of "{video}"', path=str(table))
     if np.isnan(corners[:every]).any(axis=(1, 2)).all():

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import Literal
 
@@ -345,7 +345,7 @@ def sequence_of(case: RealCase) -> Iterator[tuple[MethodStart, Iterator[MethodFr
         raise InputError(f'no video of this name with a table of homographies lies in "{case.video.parent}"')
     with open_source(case.video) as source:
         begin = first_frame(case.homographies(), case.known)
-        frames = (f for f in source if f.index >= begin and (f.index - begin) % case.every == 0)
+        frames = islice(source, begin, None, case.every)
         first = next(frames, None)
         if first is None:
             raise InputError(f'"{case.video}" ends before frame {begin}, the first of its table', path=str(case.video))

@@ -154,11 +154,11 @@ def video_suite(listed: Sequence[RealCase], methods: Sequence[str]) -> Work:
 
     def look_up_frame(name: str, frame: int) -> Seen:
         case = cases[name]
+        index = first_frame(case.homographies(), case.known) % case.every + frame * case.every
         with open_source(case.video) as source:
-            shown = islice(source, first_frame(case.homographies(), case.known) % case.every, None, case.every)
-            found = next(islice(shown, frame, None))
-        truths = case.truths(found.image.shape[1::-1])
-        return found.image, truths.outline(found.index), truths.of(found.index)
+            image = next(islice(source, index, None)).image
+        truths = case.truths((image.shape[1], image.shape[0]))
+        return image, truths.outline(index), truths.of(index)
 
     return Work("real", jobs, run_video, look_up_frame)
 

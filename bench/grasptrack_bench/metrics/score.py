@@ -7,7 +7,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,11 +73,11 @@ class Truth:
         """px, how far a result's homography is off at the corners; infinite without one, NaN where they are not known."""
         if self.corners is None:
             return math.nan
-        if result.contacts is None or result.homography is None:
+        H = result.homography
+        if result.contacts is None or H is None:
             return math.inf
-        return alignment_error(
-            Truth.of_homography(result.homography).carry_points(self.corners), self.carry(self.corners)
-        )
+        found = replace(self, carry=lambda points: apply_homography(H, points))
+        return alignment_error(found.carry_points(self.corners), self.carry_points(self.corners))
 
     def area_growth(self, centre: Floats) -> float:
         """By how much an area round a point (2,) of frame 0 is larger in this frame: the Jacobian's determinant."""

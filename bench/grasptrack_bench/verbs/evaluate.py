@@ -169,7 +169,12 @@ def pot(
         Path,
         typer.Argument(metavar="DIR", help="Sequences: folders V24_7 of images, or V24_7.avi, and their annotation."),
     ],
-    every: Annotated[int, option(help_groups.SCENE, "N", "Show every N-th image: a lower frame rate.", min=1)] = 1,
+    every: Annotated[
+        int,
+        option(
+            help_groups.SCENE, "N", "Number of images from one that is shown to the next: a lower frame rate.", min=1
+        ),
+    ] = 1,
     given: Annotated[
         str,
         option(help_groups.SCENE, "NAME", "What the tracker is told of the target: pixel, quad, outline or nothing."),
