@@ -31,12 +31,14 @@ class MethodStart:
             A method that needs to know which pixels are the object's may use it: more than a user could tell it.
         size: width and height of the images in px.
         object_at: (x, y) px of the object in the first image, where the user pointed at it.
+        by_hand: the user drew that outline, so that the tracker is told of it too.
     """
 
     contacts: Floats
     outline: tuple[Floats, ...]
     size: tuple[int, int]
     object_at: tuple[float, float] | None = None
+    by_hand: bool = False
 
 
 class Method(Protocol):

@@ -24,10 +24,11 @@ OURS = ("auto", "rrp", "grasp-line", "homography")
 
 
 class TrackerMethod:
-    """The tracker itself, told of the contacts as `--grasp` would tell it, and of a pixel of the object as `--object`.
+    """The tracker itself, told of the contacts as `--grasp` would tell it, of a pixel of the object as `--object`, of its
+    outline as `--outline`.
 
     Args:
-        start: the contacts, and the pixel if there is one.
+        start: the contacts, and the pixel or the outline if the user told one.
         strategy: of the tracker.
         risk: probability below which its answers may be wrong.
     """
@@ -36,8 +37,11 @@ class TrackerMethod:
         self._refused = ""
         self._frame = -1
         self._tracker: GraspTracker | None = None
+        outline = start.outline[0] if start.by_hand else None
         try:
-            self._tracker = GraspTracker(strategy=strategy, grasp=start.contacts, object_at=start.object_at, risk=risk)
+            self._tracker = GraspTracker(
+                strategy=strategy, grasp=start.contacts, object_at=start.object_at, outline=outline, risk=risk
+            )
         except StrategyError as error:
             self._refused = str(error)
 

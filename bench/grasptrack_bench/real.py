@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import chain
+from dataclasses import dataclass, replace
+from itertools import chain, islice
 from pathlib import Path
 from typing import Literal
 
@@ -29,9 +29,14 @@ from grasptrack_bench.methods import method_makers
 from grasptrack_bench.metrics.score import FrameScore, Truth
 from grasptrack_bench.records import read_homographies, read_rows
 
-Given = Literal["pixel", "quad", "nothing"]
-"""What is told of the object before the first image: a pixel of it, its quadrilateral, or nothing."""
-GIVEN: tuple[Given, ...] = ("pixel", "quad", "nothing")
+Given = Literal["pixel", "quad", "outline", "nothing"]
+"""What is told of the object before the first image.
+
+A pixel of it; that, and contacts on two sides of its quadrilateral; these, and the quadrilateral as its outline; nothing.
+"""
+GIVEN: tuple[Given, ...] = ("pixel", "quad", "outline", "nothing")
+ON_QUAD = ("quad", "outline")
+"""With these the contacts lie on two sides of the quadrilateral."""
 
 SCENES = "scenes.csv"
 SAME_OBJECT = 0.5
@@ -106,9 +111,11 @@ def truth_of_quad(H: Floats, quad: Floats, size: tuple[int, int]) -> Truth | Non
         corners = apply_homography(H, quad)
     except ConditioningError:
         return None
-    truth = Truth.of_homography(H, area_of(corners))
-    return Truth(
-        truth.carry, truth.back, truth.area, True, share_in_view(corners, size), lambda p: _points_in_image(p, size)
+    return replace(
+        Truth.of_homography(H, area_of(corners)),
+        visible=share_in_view(corners, size),
+        sees=lambda p: _points_in_image(p, size),
+        corners=quad,
     )
 
 
@@ -184,6 +191,7 @@ class RealCase:
         known: of its object, where `scenes.csv` tells it; the first frame is then the first that the table lists.
         given: what of that is told before the first frame.
         risk: probability below which answers of the tracker may be wrong.
+        every: of its frames from the first on, so many-th are shown.
     """
 
     video: Path
@@ -193,11 +201,20 @@ class RealCase:
     known: Known | None = None
     given: Given = "nothing"
     risk: float = DEFAULT_RISK
+    every: int = 1
 
     @property
     def name(self) -> str:
         """As in tables and names of files."""
         return self.video.stem
+
+    def homographies(self) -> dict[int, Floats]:
+        """H_current_reference (3, 3) by frame.
+
+        Raises:
+            InputError: the table cannot be read.
+        """
+        return read_homographies(self.table)
 
     def truths(self, size: tuple[int, int]) -> Truths:
         """What the table tells, for images of a width and height in px.
@@ -205,7 +222,7 @@ class RealCase:
         Raises:
             InputError: the table cannot be read.
         """
-        return Truths(read_homographies(self.table), self.known, size)
+        return Truths(self.homographies(), self.known, size)
 
 
 class Truths:
@@ -271,13 +288,15 @@ def videos_of(
         risk: probability below which answers of the tracker may be wrong.
 
     Raises:
-        InputError: no such folder, none in it, or a table that is needed and missing or broken.
+        InputError: no such folder, none in it, a table that is needed and missing or broken, or three fingers on two sides.
     """
+    if given in ON_QUAD and fingers != 2:
+        raise InputError(f"a quadrilateral gives 2 contacts, not {fingers}", fingers=fingers)
     if not folder.is_dir():
         raise InputError(f'"{folder}" is no folder', path=str(folder))
     scenes = folder / SCENES
     known = read_scenes(scenes) if scenes.is_file() else {}
-    if given in ("pixel", "quad") and not known:
+    if given not in (None, "nothing") and not known:
         raise InputError(f'a {given} of each object is told by "{scenes}", which is not there', path=str(scenes))
     told: Given = given or ("pixel" if known else "nothing")
     cases = []
@@ -317,21 +336,24 @@ def run_video(task: tuple[RealCase, tuple[str, ...]]) -> dict[str, list[FrameSco
 def sequence_of(case: RealCase) -> Iterator[tuple[MethodStart, Iterator[MethodFrame], int]]:
     """What all methods are told of a video, its frames from the first that its table lists on, and the number of that.
 
+    Frames are numbered as they are shown: number n is frame n of the video where all are, else the n-th of every so many.
+
     Raises:
         InputError, GraspError: as in `run_video`.
     """
     if not case.table.is_file():
         raise InputError(f'no video of this name with a table of homographies lies in "{case.video.parent}"')
     with open_source(case.video) as source:
-        begin = first_frame(read_homographies(case.table), case.known)
-        frames = (frame for frame in source if frame.index >= begin)
+        begin = first_frame(case.homographies(), case.known)
+        frames = islice(source, begin, None, case.every)
         first = next(frames, None)
         if first is None:
             raise InputError(f'"{case.video}" ends before frame {begin}, the first of its table', path=str(case.video))
         height, width = first.image.shape[:2]
         truths = case.truths((width, height))
         start = _make_start(case, first, truths)
-        yield start, (MethodFrame(f.image, f.time, truths.of(f.index)) for f in chain([first], frames)), begin
+        every_frame = (MethodFrame(f.image, f.time, truths.of(f.index)) for f in chain([first], frames))
+        yield start, every_frame, begin // case.every
 
 
 def _make_start(case: RealCase, first: Frame, truths: Truths) -> MethodStart:
@@ -343,8 +365,9 @@ def _make_start(case: RealCase, first: Frame, truths: Truths) -> MethodStart:
     height, width = first.image.shape[:2]
     size = width, height
     pixel = None if case.known is None or case.given == "nothing" else case.known.object_at
-    if truths.quad is not None and case.given == "quad":
-        return MethodStart(side_contacts(truths.quad), (truths.quad,), size, pixel)
+    if truths.quad is not None and case.given in ON_QUAD:
+        by_hand = case.given == "outline"
+        return MethodStart(side_contacts(truths.quad), (truths.quad,), size, None if by_hand else pixel, by_hand)
     chosen = GraspTracker(fingers=case.fingers, friction=case.friction, object_at=pixel).update(first.image)
     if chosen.view is None:
         raise GraspError(f'"{case.video}", first frame: {chosen.reason}')

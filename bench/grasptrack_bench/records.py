@@ -17,7 +17,7 @@ from grasptrack_bench.metrics.score import FrameScore
 
 FIXED = (
     "method", "frame", "status", "strategy", "reason", "present", "visible", "seen", "defining", "limit_px",
-    "opening_px", "area_px2", "confidence",
+    "opening_px", "area_px2", "confidence", "alignment_px",
 )  # fmt: skip
 """Columns before those of the contacts."""
 EACH = ("x", "y", "error_px", "spread")
@@ -47,7 +47,10 @@ def read_records(path: Path) -> dict[str, list[FrameScore]]:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.reader(file)
             head = next(reader, [])
-            scores = _parse_frames(head, [row for row in reader if row])
+            rows = [row for row in reader if row]
+            if FIXED[-1] not in head:  # of an earlier version
+                head, rows = [*head, FIXED[-1]], [[*row, ""] for row in rows]
+            scores = _parse_frames(head, rows)
     except (OSError, UnicodeDecodeError, csv.Error, IndexError, ValueError) as error:
         raise InputError(f'cannot read the scored frames "{path}": {error}', path=str(path)) from error
     if not scores:
@@ -57,7 +60,7 @@ def read_records(path: Path) -> dict[str, list[FrameScore]]:
 
 def _format_row(method: str, f: FrameScore, contacts: int) -> list[str | int]:
     row: list[str | int] = [method, f.frame, f.status, f.strategy, f.reason, int(f.present), _format_number(f.visible)]
-    row += [int(f.seen), int(f.defining), *map(_format_number, (f.limit, f.opening, f.area, f.confidence))]
+    row += [int(f.seen), int(f.defining), *map(_format_number, (f.limit, f.opening, f.area, f.confidence, f.alignment))]
     for i in range(contacts):
         row += [_format_number(float(f.contacts[i, j])) if f.contacts is not None else "" for j in (0, 1)]
         row += [_format_number(float(v[i])) if v is not None else "" for v in (f.distances, f.spread)]
@@ -74,17 +77,17 @@ def _parse_frames(head: list[str], rows: list[list[str]]) -> dict[str, list[Fram
     method, frame, status, strategy, reason, present, seen, defining = map(
         head.index, ("method", "frame", "status", "strategy", "reason", "present", "seen", "defining")
     )
-    names = ["visible", "limit_px", "opening_px", "area_px2", "confidence", LAST]
+    names = ["visible", "limit_px", "opening_px", "area_px2", *FIXED[-2:], LAST]
     names += [f"{axis}{i + 1}" for i in range(contacts) for axis in "xy"]
     names += [f"{each}{i + 1}" for each in EACH[2:] for i in range(contacts)]
     columns = [head.index(name) for name in names]
     numbers = np.array([[float(row[c] or "nan") for c in columns] for row in rows]).reshape(len(rows), len(columns))
-    parts = np.split(numbers, 6 + contacts * np.array([0, 2, 3]), axis=1)[1:]
+    parts = np.split(numbers, 7 + contacts * np.array([0, 2, 3]), axis=1)[1:]
     known = np.column_stack([~np.isnan(part).any(axis=1) & (contacts > 0) for part in parts])
     places, distances, spreads = parts[0].reshape(len(rows), contacts, 2), parts[1], parts[2]
     scores: dict[str, list[FrameScore]] = {}
-    for i, (row, has, values) in enumerate(zip(rows, known.tolist(), numbers[:, :6].tolist(), strict=True)):
-        visible, limit, opening, area, confidence, latency = values
+    for i, (row, has, values) in enumerate(zip(rows, known.tolist(), numbers[:, :7].tolist(), strict=True)):
+        visible, limit, opening, area, confidence, alignment, latency = values
         scores.setdefault(row[method], []).append(
             FrameScore(
                 frame=int(row[frame]),
@@ -103,6 +106,7 @@ def _parse_frames(head: list[str], rows: list[list[str]]) -> dict[str, list[Fram
                 visible=visible,
                 seen=row[seen] == "1",
                 confidence=confidence,
+                alignment=alignment,
             )
         )
     return scores

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,8 @@ from grasptrack.typing import Floats
 from grasptrack_bench.baselines import available_baselines
 from grasptrack_bench.methods import OURS, method_makers
 from grasptrack_bench.metrics.score import FrameScore, Truth
-from grasptrack_bench.real import Given, RealCase, first_frame, run_video, videos_of
-from grasptrack_bench.records import read_homographies, read_records
+from grasptrack_bench.real import RealCase, first_frame, run_video
+from grasptrack_bench.records import read_records
 from grasptrack_bench.report.run import Shown
 from grasptrack_bench.run_folder import Job, case_file
 from grasptrack_bench.scenes import (
@@ -143,37 +144,21 @@ def scene_suite(asked: SceneOptions) -> Work:
     return Work("scenes", jobs, run_case, look_up_frame)
 
 
-def real_suite(
-    *,
-    folder: str,
-    methods: Sequence[str],
-    fingers: int,
-    friction: float,
-    given: Given | None = None,
-    risk: float = DEFAULT_RISK,
-) -> Work:
-    """Every video of a folder that has a table of homographies.
-
-    Args:
-        methods: names.
-        folder, fingers, friction, given, risk: as of `real:videos_of`.
-
-    Raises:
-        InputError: no folder, no such video in it, or a grasp of three fingers to be put on two sides.
-    """
-    if given == "quad" and fingers != 2:
-        raise InputError(f"a quadrilateral gives 2 contacts, not {fingers}", fingers=fingers)
-    cases = {case.name: case for case in videos_of(Path(folder), fingers, friction, given, risk)}
+def video_suite(listed: Sequence[RealCase], methods: Sequence[str]) -> Work:
+    """Real videos, each with what is true of it."""
+    cases = {case.name: case for case in listed}
     jobs = [
         Job(name, _frame_count(case), {"video": case.video.name, "given": case.given}, (case, tuple(methods)))
         for name, case in cases.items()
     ]
 
     def look_up_frame(name: str, frame: int) -> Seen:
-        with open_source(cases[name].video) as source:
-            image = next(f.image for f in source if f.index == frame)
-        truths = cases[name].truths((image.shape[1], image.shape[0]))
-        return image, truths.outline(frame), truths.of(frame)
+        case = cases[name]
+        index = first_frame(case.homographies(), case.known) % case.every + frame * case.every
+        with open_source(case.video) as source:
+            image = next(islice(source, index, None)).image
+        truths = case.truths((image.shape[1], image.shape[0]))
+        return image, truths.outline(index), truths.of(index)
 
     return Work("real", jobs, run_video, look_up_frame)
 
@@ -194,4 +179,4 @@ def _frame_count(case: RealCase) -> int:
     if not case.table.is_file():
         return 0
     with open_source(case.video) as source:
-        return max(0, (source.count or 0) - first_frame(read_homographies(case.table), case.known))
+        return len(range(first_frame(case.homographies(), case.known), source.count or 0, case.every))

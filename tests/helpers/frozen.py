@@ -44,7 +44,7 @@ TOLERANCE = 0.05
 """px by which processors and versions of OpenCV may differ."""
 VERBS = (
     "", "track", "live", "demo", "synthesize", "inspect", "transfer", "servo", "evaluate", "evaluate scenes",
-    "evaluate real", "compare", "cameras", "models", "doctor",
+    "evaluate real", "evaluate pot", "compare", "cameras", "models", "doctor",
 )  # fmt: skip
 
 Rows = list[list[str]]

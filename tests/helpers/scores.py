@@ -40,6 +40,7 @@ def frame(
         visible=visible,
         seen=visible >= 1.0,
         confidence=confidence if given else 0.0,
+        alignment=math.inf if error is None else 2.0 * error,
     )
 
 

@@ -16,6 +16,7 @@ from grasptrack.tracking.result import TrackResult
 from grasptrack_bench.metrics.integrity import (
     compute_measures,
     cumulative_share,
+    loss_lengths,
     recovery_delays,
     risk_coverage,
     upper_bound,
@@ -50,6 +51,10 @@ def test_measures_are_what_counting_gives(seed: int) -> None:
     squares = [float(d) ** 2 for f in there if f.distances is not None for d in f.distances]
     assert found.rms_px == pytest.approx(math.sqrt(sum(squares) / len(squares)))
     assert found.in_ellipse == 0.5
+    assert found.aligned_5 == pytest.approx(
+        sum(f.contacts is not None and f.error <= 2.5 for f in frames) / len(frames)
+    )
+    assert found.aligned_15 >= found.aligned_5
     assert found.median_percent == pytest.approx(2.0 * found.median_px)
     assert found.false_bound >= found.false_accepts / found.frames
 
@@ -82,6 +87,28 @@ def test_recovery_counts_from_the_return_to_whole_view() -> None:
     run += [away(7), here(8, 0.1), away(9), here(10, None), away(11), here(12, None)]
     assert recovery_delays(run) == [2, 0, None, None]
     assert recovery_delays(run[:1]) == []
+
+
+def test_a_loss_lasts_until_the_object_is_rightly_located() -> None:
+    errors = [0.0, None, None, 9.0, 0.1, None, None]
+    run = [frame(i, error) for i, error in enumerate(errors)]
+    assert loss_lengths(run) == [3, math.inf]  # the wrong answer ends nothing
+    away = [frame(7, None, visible=0.5), frame(8, None), frame(9, 0.1)]
+    assert loss_lengths([*run, *away]) == [3]  # out of view: from here on it is a return
+    found = compute_measures([run, run[:5]])
+    assert (found.losses, found.lost_median, found.lost_p95) == (3, 3.0, math.inf)
+    unknown = [replace(f, visible=math.nan) for f in run]  # as images that nobody annotated
+    assert loss_lengths(unknown) == loss_lengths(run)
+
+
+def test_records_of_earlier_versions_know_no_alignment(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    write_records(path, {"auto": [frame(0, 0.5)]})
+    head, row = (line.split(",") for line in path.read_text().splitlines())
+    at = head.index("alignment_px")
+    path.write_text("\n".join(",".join(line[:at] + line[at + 1 :]) for line in (head, row)))
+    (read,) = read_records(path)["auto"]
+    assert math.isnan(read.alignment) and read.error == 0.5 and read.latency_ms == 2.0
 
 
 @given(SEEDS)

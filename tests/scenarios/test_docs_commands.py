@@ -48,6 +48,7 @@ SHORT: dict[str, dict[str, str]] = {
     "servo": {"--no-video": "", "--shape": "bracket"},
     "evaluate scenes": {"--shapes": "bracket", "--disturbances": "clean-4dof", "--frames": "2", "--workers": "1"},
     "evaluate real": {"--workers": "1"},
+    "evaluate pot": {"--workers": "1"},
     "compare": {},
     "cameras": {},
     "models": {},
@@ -64,10 +65,10 @@ DROPPED = {
 }  # by an option of the page
 WORDS = {"SOURCE": "photos", "IMAGE": "photo.jpg", "IMAGE_A": "a.png", "IMAGE_B": "b.png", "A": "old", "B": "new"}
 WORDS |= {"N": "1", "MU": "0.5", "camera:0": "video.mp4", "/tmp/demo": "demo"}
-WORDS |= {"tcp://host:8786": "tcp://127.0.0.1:8786"}
+WORDS |= {"tcp://host:8786": "tcp://127.0.0.1:8786", "POT": "videos"}
 NOT_HERE = {"camera:0?size=1280x720&fps=30", "pylon:40012345", "u2netp", "NAME"}
 """Words of commands that want a camera, a model or a name: they are parsed, and not run."""
-FOLDERS = {"--silhouettes": "shapes", "--folder": "shapes", "--data": "data", "--real": "videos", "real": "videos"}
+FOLDERS = {"--silhouettes": "shapes", "--folder": "shapes", "--data": "data", "--real": "videos"}
 ELSEWHERE = {
     "pip install .": ".ci/run builds a wheel and installs it",
     "pip install --no-deps .": "the same without dependencies",
@@ -255,7 +256,7 @@ def write_frames(folder: Path, count: int) -> None:
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files that the pages' commands name, small."""
     home = tmp_path_factory.mktemp("documented")
-    for folder, count in (("photos", 4), ("images", 3), ("videos/film", 4), ("videos/other", 4)):
+    for folder, count in (("photos", 4), ("images", 3), ("videos/film", 4), ("videos/other", 4), ("videos/V24_7", 8)):
         write_frames(home / folder, count)
     for name in ("film", "other"):
         with (home / "videos" / f"{name}.homographies.csv").open("w", newline="") as file:
@@ -265,6 +266,9 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     quad = "100,99 440,110 425,300 100,308"
     scenes = "".join(f'{name},"320,200","{quad}"\n' for name in ("film", "other"))
     (home / "videos" / "scenes.csv").write_text(f"name,object,quad\n{scenes}")
+    corners = np.array([point.split(",") for point in quad.split()], dtype=float)
+    rows = [apply_homography(motion(i), corners).ravel() for i in range(8)]
+    np.savetxt(home / "videos" / "V24_7_gt_points.txt", rows)
     for name, i in (("photo.jpg", 0), ("a.png", 0), ("b.png", 8)):
         cv2.imwrite(str(home / name), frame(i))
     silhouette = np.where(frame(0)[..., 0] < 130, 255, 0).astype(np.uint8)

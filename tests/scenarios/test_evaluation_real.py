@@ -153,7 +153,7 @@ def test_a_pixel_of_another_object_and_a_video_that_is_not_there(
     assert [path.stem for path in (tmp_path / "out" / "cases").glob("*.csv")] == ["alone"]
 
 
-@pytest.mark.parametrize("given", ["pixel", "quad", "nothing"])
+@pytest.mark.parametrize("given", ["pixel", "quad", "outline", "nothing"])
 def test_what_methods_are_told(films: Path, monkeypatch: pytest.MonkeyPatch, given: Given) -> None:
     told: list[MethodStart] = []
 
@@ -167,8 +167,10 @@ def test_what_methods_are_told(films: Path, monkeypatch: pytest.MonkeyPatch, giv
     quad = apply_homography(motion(START), CARD)
     (start,) = told
     assert start.size == SIZE and another_object(start.outline, quad, SIZE) == ""
-    assert start.object_at == (None if given == "nothing" else pytest.approx(tuple(quad.mean(axis=0)), abs=1.0))
-    if given == "quad":
+    told = given in ("pixel", "quad")
+    assert start.object_at == (pytest.approx(tuple(quad.mean(axis=0)), abs=1.0) if told else None)
+    assert start.by_hand is (given == "outline")
+    if given in ("quad", "outline"):
         assert np.allclose(start.outline[0], quad, atol=1e-3) and len(start.outline) == 1
         assert np.allclose(start.contacts, [(quad[0] + quad[3]) / 2, (quad[1] + quad[2]) / 2], atol=1e-3)
     else:
@@ -221,7 +223,7 @@ def test_a_broken_row_is_named_by_its_line(tmp_path: Path, row: list[str]) -> No
         (["--given", "pixel"], "which is not there"),
         (["--given", "quad"], "which is not there"),
         (["--given", "quad", "--fingers", "3"], "2 contacts, not 3"),
-        (["--given", "outline"], "--given is pixel, quad or nothing"),
+        (["--given", "mask"], "--given is pixel, quad, outline or nothing"),
     ],
 )
 def test_what_cannot_be_given_is_one_line(

@@ -84,9 +84,7 @@ def pairs_that_close(shape: Shape, size: float) -> int:
         size: m, the square root of its area.
     """
     rings = [ring * size for ring in shape.polygons]
-    points, normals, rough = sample_pad_contacts(rings)
-    ok = rough <= ROUGH
-    points, normals = points[ok], normals[ok]
+    points, normals = sample_pad_contacts(rings)
     across = points[None] - points[:, None]
     length = np.hypot(across[..., 0], across[..., 1])
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -104,8 +102,8 @@ def pairs_that_close(shape: Shape, size: float) -> int:
     )
 
 
-def sample_pad_contacts(rings: list[Floats]) -> tuple[Floats, Floats, Floats]:
-    """Points (n, 2), normals into the material (n, 2), and roughness (n,) of the outline within a pad's width."""
+def sample_pad_contacts(rings: list[Floats]) -> tuple[Floats, Floats]:
+    """Points (n, 2) and normals into the material (n, 2), where the outline within a pad's width is straight enough."""
     lengths = [float(np.hypot(*(np.roll(r, -1, axis=0) - r).T).sum()) for r in rings]
     step = sum(lengths) / POINTS
     found = []
@@ -121,8 +119,10 @@ def sample_pad_contacts(rings: list[Floats]) -> tuple[Floats, Floats, Floats]:
         inward = np.column_stack([-along[:, 1], along[:, 0]])  # outlines run so that the material is on this side
         normal = normal * np.where((normal * inward).sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
         off = np.einsum("nki,ni->nk", flat, normal)
-        found.append((dense[::4], normal, np.sqrt((off**2).mean(axis=1)) / PAD_WIDTH))
-    return tuple(np.concatenate(each) for each in zip(*found, strict=True))  # type: ignore[return-value]
+        ok = np.sqrt((off**2).mean(axis=1)) / PAD_WIDTH <= ROUGH
+        found.append((dense[::4][ok], normal[ok]))
+    points, normals = (np.concatenate(each) for each in zip(*found, strict=True))
+    return points, normals
 
 
 def _resample_evenly(ring: Floats, count: int) -> Floats:
@@ -165,9 +165,7 @@ def triples_that_close(shape: Shape, size: float) -> int:
         size: m, the square root of its area.
     """
     rings = [ring * size for ring in shape.polygons]
-    points, normals, rough = sample_pad_contacts(rings)
-    ok = rough <= ROUGH
-    p, n = points[ok] @ np.array([1.0, 1.0j]), normals[ok] @ np.array([1.0, 1.0j])
+    p, n = (each @ np.array([1.0, 1.0j]) for each in sample_pad_contacts(rings))
     cone, turn = math.cos(math.atan(FRICTION)), complex(math.cos(THIRD), math.sin(THIRD))
     least, most = PAD_WIDTH / math.sqrt(3.0) / 2.0, 0.5 * MAX_OPENING - SIDEWAYS
     material, corner = rasterize_material(rings)

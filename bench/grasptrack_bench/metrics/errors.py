@@ -24,6 +24,11 @@ def contact_distances(contacts: ArrayLike, truth: ArrayLike) -> Floats:
     return np.asarray(np.hypot(*(found - true).T), dtype=np.float64)
 
 
+def alignment_error(corners: Floats, truth: Floats) -> float:
+    """px, e_AL of the planar tracking benchmark POT: root mean square of the distances of corners (4, 2) px from the truth."""
+    return float(np.sqrt(np.mean(contact_distances(corners, truth) ** 2)))
+
+
 @dataclass(frozen=True, slots=True)
 class ErrorMeasure:
     """Average and maximum error of one grasp, or of a sequence of them.

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -19,6 +20,9 @@ PARTLY = 0.7
 """Share of the outline in view down to which an answer can be asked for: up to 30 % covered or cut."""
 ELLIPSE_95 = 5.991
 """Squared Mahalanobis distance within which 95 % of the errors of a true covariance lie (chi square, two degrees)."""
+
+ALIGNED_PX = 5.0, 15.0
+"""px of the alignment error up to which the benchmark POT, and those who report on it, count a frame as tracked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +45,9 @@ class Measures:
         recoveries, returns: how often they were given before it was hidden again, and how often it returned.
         median_ms, p99_ms: latency.
         frames_whole: frames with the whole object in view.
+        aligned_5, aligned_15: frames with an alignment error up to 5 and 15 px, of those whose corners are known.
+        losses: how often contacts were missing after there had been some, with 70 % of the outline in view all the while.
+        lost_median, lost_p95: frames from a loss until contacts are given rightly; infinite where they were not any more.
     """
 
     frames: int
@@ -62,6 +69,11 @@ class Measures:
     median_ms: float
     p99_ms: float
     frames_whole: int
+    aligned_5: float
+    aligned_15: float
+    losses: int
+    lost_median: float
+    lost_p95: float
 
 
 Runs = Sequence[Sequence[FrameScore]]
@@ -97,6 +109,9 @@ def compute_measures(runs: Iterable[Sequence[FrameScore]]) -> Measures:
     shares = [100.0 * f.distances / f.opening for f in frames if f.distances is not None and not f.gone]
     spread = [f.spread for f in frames if f.spread is not None and not f.gone]
     waits = [wait for run in listed for wait in recovery_delays(run)]
+    aligned = np.array([f.alignment for f in frames if not math.isnan(f.alignment)])
+    within = [_share_true(aligned <= most) for most in ALIGNED_PX]
+    lost = np.array([length for run in listed for length in loss_lengths(run)])
     times = np.array([f.latency_ms for run in listed for f in run if not f.defining and math.isfinite(f.latency_ms)])
     return Measures(
         frames=len(frames),
@@ -120,7 +135,28 @@ def compute_measures(runs: Iterable[Sequence[FrameScore]]) -> Measures:
         median_ms=_percentile_or_nan(times, 50),
         p99_ms=_percentile_or_nan(times, 99),
         frames_whole=len(whole),
+        aligned_5=within[0],
+        aligned_15=within[1],
+        losses=len(lost),
+        lost_median=_percentile_or_nan(lost, 50, "higher"),
+        lost_p95=_percentile_or_nan(lost, 95, "higher"),
     )
+
+
+def loss_lengths(run: Sequence[FrameScore]) -> list[float]:
+    """For each loss of the object, in view all the time: frames until it was located again; infinite where it never was."""
+    lengths: list[float] = []
+    held, since = False, None
+    for i, f in enumerate(run):
+        if not f.present or f.visible < PARTLY:  # away: what follows is a return
+            held, since = False, None
+        elif f.answered and not f.is_false_accept:
+            if since is not None:
+                lengths.append(i - since)
+            held, since = True, None
+        elif held and since is None and not f.answered:
+            since = i
+    return lengths if since is None else [*lengths, math.inf]
 
 
 def recovery_delays(run: Sequence[FrameScore]) -> list[int | None]:
@@ -257,5 +293,5 @@ def _share_true(of: Iterable[object]) -> float:
     return sum(flags) / len(flags) if flags else math.nan
 
 
-def _percentile_or_nan(values: Floats, percent: float) -> float:
-    return float(np.percentile(values, percent)) if len(values) else math.nan
+def _percentile_or_nan(values: Floats, percent: float, method: Literal["linear", "higher"] = "linear") -> float:
+    return float(np.percentile(values, percent, method=method)) if len(values) else math.nan

@@ -7,7 +7,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from grasptrack.errors import ConditioningError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
-from grasptrack_bench.metrics.errors import contact_distances
+from grasptrack_bench.metrics.errors import alignment_error, contact_distances
 from grasptrack_bench.simulation import SceneFrame
 
 
@@ -32,6 +32,7 @@ class Truth:
         present: whether the object is there at all; contacts given while it is not are wrong wherever they lie.
         visible: share of its outline that can be seen, 0 to 1.
         sees: which points (k, 2) px of this frame can be seen; None where it is not known.
+        corners: (4, 2) px of the object in frame 0; None where they are not known.
     """
 
     carry: Callable[[Floats], Floats]
@@ -40,6 +41,7 @@ class Truth:
     present: bool = True
     visible: float = 1.0
     sees: Callable[[Floats], NDArray[np.bool_]] | None = None
+    corners: Floats | None = None
 
     @classmethod
     def of_homography(cls, H: Floats, area: float | None = None) -> Truth:
@@ -66,6 +68,16 @@ class Truth:
             return self.carry(points)
         except ConditioningError:
             return np.full_like(points, np.inf)
+
+    def alignment_of(self, result: TrackResult) -> float:
+        """px, how far a result's homography is off at the corners; infinite without one, NaN where they are not known."""
+        if self.corners is None:
+            return math.nan
+        H = result.homography
+        if result.contacts is None or H is None:
+            return math.inf
+        found = replace(self, carry=lambda points: apply_homography(H, points))
+        return alignment_error(found.carry_points(self.corners), self.carry_points(self.corners))
 
     def area_growth(self, centre: Floats) -> float:
         """By how much an area round a point (2,) of frame 0 is larger in this frame: the Jacobian's determinant."""
@@ -95,6 +107,8 @@ class FrameScore:
         visible: share of its outline that can be seen, 0 to 1; NaN where no truth is known.
         seen: whether the true places of all contacts can be seen.
         confidence: of the result.
+        alignment: px, root mean square distance of the corners under its homography from the truth; infinite without an
+            answer, NaN where they are not known.
         latency_ms: of the update.
         defining: the contacts of this frame are those that the grasp's truth is made from.
     """
@@ -115,6 +129,7 @@ class FrameScore:
     visible: float = 1.0
     seen: bool = True
     confidence: float = math.nan
+    alignment: float = math.nan
 
     @property
     def answered(self) -> bool:
@@ -204,6 +219,7 @@ class Score:
             math.nan if truth is None else truth.visible,
             seen,
             result.confidence,
+            math.nan if truth is None else truth.alignment_of(result),
         )
         self.frames.append(scored)
         return scored

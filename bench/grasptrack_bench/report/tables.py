@@ -17,12 +17,18 @@ from grasptrack_bench.run_folder import read_run
 
 ANSWERS = (
     "frames", "frames_whole", "located_whole", "located_partly", "tracked_visible", "false_accepts", "false_given_gone",
-    "false_bound", "risk_area", "recoveries", "returns", "recovery_frames",
+    "false_bound", "risk_area", "recoveries", "returns", "recovery_frames", "losses", "lost_median", "lost_p95",
 )  # fmt: skip
 """Columns of the table that says how often there were contacts, and how often wrong ones."""
-ERRORS = ("median_px", "rms_px", "p95_px", "max_px", "median_percent", "in_ellipse", "median_ms", "p99_ms")
+ERRORS = (
+    "median_px", "rms_px", "p95_px", "max_px", "median_percent", "in_ellipse", "aligned_5", "aligned_15", "median_ms",
+    "p99_ms",
+)  # fmt: skip
 """Columns of the table that says how exact they were, and how long they took."""
-_APART = ("located_whole", "false_accepts", "median_percent", "risk_area", "recoveries", "in_ellipse", "median_ms")
+_APART = (
+    "located_whole", "false_accepts", "median_percent", "risk_area", "recoveries", "losses", "in_ellipse", "aligned_5",
+    "median_ms",
+)  # fmt: skip
 _BEST_OF = ("median_px", "rms_px", "p95_px", "median_ms")
 """Not the shares located: whoever always answers has the best of these, right or wrong."""
 
@@ -30,7 +36,11 @@ _BEST_OF = ("median_px", "rms_px", "p95_px", "median_ms")
 _CLOSING = "method", "located %\nwhole", "\npartly", "wrong\nframes", "\nbelow %"
 _ERROR_HEADS, _MS_HEADS = ("error px\nmedian", "\n95 %"), ("ms\nmedian", "\n99 %")
 CLOSING_HEADS = *_CLOSING, *_ERROR_HEADS, "\nRMS", *_MS_HEADS, "frames"
-VIDEO_HEADS = "video", "method", "frames\nwhole", "located %\nof these", "wrong\nframes", *_ERROR_HEADS, _MS_HEADS[0]
+_LOST_HEADS = "lost frames\nmedian", "\n95 %"
+VIDEO_HEADS = (
+    "video", "method", "frames\nwhole", "located %\nof these", "wrong\nframes", *_ERROR_HEADS, "p@5\n%", *_LOST_HEADS,
+    _MS_HEADS[0],
+)  # fmt: skip
 
 
 def format_measure(term: Term, value: float | int) -> str:
@@ -175,6 +185,8 @@ def _of_video(row: MethodRow) -> list[str]:
         _format_percent(m.located_whole),
         str(m.false_accepts),
         *(_format_number(v) for v in (m.median_px, m.p95_px)),
+        _format_percent(m.aligned_5),
+        *("never" if math.isinf(v) else _format_number(v, 0) for v in (m.lost_median, m.lost_p95)),
         _format_number(m.median_ms, 1),
     ]
 

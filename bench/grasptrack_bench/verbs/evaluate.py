@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`grasptrack evaluate`: measure every method on scenes with known truth, or on real videos."""
+"""`grasptrack evaluate`: measure every method on scenes with known truth, on real videos, on a planar benchmark."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,11 +19,34 @@ if TYPE_CHECKING:
     from grasptrack_bench.run_folder import Filled
 
 
-MethodNames = Annotated[
-    str | None,
-    option(help_groups.METHODS, "A,B", "Methods to measure, by name.", show_default="auto,rrp,grasp-line,homography"),
-]
-Peers = Annotated[bool, option(help_groups.METHODS, None, "Also measure the baselines that are installed.", "--peers")]
+@dataclass(frozen=True)
+class SuiteOptions:
+    """What every suite is asked."""
+
+    methods: Annotated[
+        str | None,
+        option(
+            help_groups.METHODS, "A,B", "Methods to measure, by name.", show_default="auto,rrp,grasp-line,homography"
+        ),
+    ] = None
+    peers: Annotated[
+        bool, option(help_groups.METHODS, None, "Also measure the baselines that are installed.", "--peers")
+    ] = False
+    quiet: options.Quiet = False
+    risk: options.Risk = 1e-3
+    workers: options.Workers = None
+    scheduler: options.Scheduler = None
+
+    def with_own(self, **own: Any) -> dict[str, Any]:
+        """What decides the results, with what a suite asks beside.
+
+        Raises:
+            InputError: unknown methods.
+        """
+        from grasptrack_bench.suites import method_names
+
+        return {**own, "methods": method_names(options.parse_names(self.methods), peers=self.peers), "risk": self.risk}
+
 
 MOST_NAMED = 10
 """Sequences without results that are named one by one."""
@@ -37,6 +61,7 @@ evaluate = typer.Typer(
 
 
 @evaluate.command(cls=help_groups.GroupedCommand, short_help="Parts x disturbances, rendered, with exact truth.")
+@help_groups.with_options
 def scenes(
     fingers: options.TwoOrThree = 2,
     friction: options.Friction = 0.5,
@@ -57,13 +82,9 @@ def scenes(
         int, option(help_groups.SCENE, "N", "Number of scenes for each part and disturbance.", min=1)
     ] = 1,
     seed: options.Seed = 0,
-    methods: MethodNames = None,
-    peers: Peers = False,
     output: options.Output = options.OUTPUT_FOLDER / "evaluate-scenes",
-    quiet: options.Quiet = False,
-    risk: options.Risk = 1e-3,
-    workers: options.Workers = None,
-    scheduler: options.Scheduler = None,
+    *,
+    suite: SuiteOptions,
 ) -> None:
     """Render parts under many disturbances, track a grasp by every method, and compare with the exact ground truth.
 
@@ -79,29 +100,26 @@ def scenes(
       grasptrack evaluate scenes --scheduler tcp://host:8786
     """
     from grasptrack_bench import suites
-    from grasptrack_bench.schedule import create_scheduler as schedule
 
     if (photos is None) is not (masks is None):
         raise InputError("--photos and --masks go together: give both or neither")
-    asked: dict[str, Any] = {
-        "shapes": options.parse_names(shapes),
-        "silhouettes": silhouettes,
-        "photos": photos,
-        "masks": masks,
-        "disturbances": options.parse_names(disturbances),
-        "methods": suites.method_names(options.parse_names(methods), peers=peers),
-        "frames": frames,
-        "repeats": repeats,
-        "seed": seed,
-        "fingers": fingers,
-        "friction": friction,
-        "risk": risk,
-    }
-    work = suites.scene_suite(suites.SceneOptions(**asked))
-    _run_suite(output, work, schedule(scheduler, workers), asked, quiet)
+    asked = suite.with_own(
+        shapes=options.parse_names(shapes),
+        silhouettes=silhouettes,
+        photos=photos,
+        masks=masks,
+        disturbances=options.parse_names(disturbances),
+        frames=frames,
+        repeats=repeats,
+        seed=seed,
+        fingers=fingers,
+        friction=friction,
+    )
+    _run_suite(output, suites.scene_suite(suites.SceneOptions(**asked)), asked, suite)
 
 
 @evaluate.command(cls=help_groups.GroupedCommand, short_help="Real videos with reference homographies.")
+@help_groups.with_options
 def real(
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", help="Videos, each with its table: film.mp4 and film.homographies.csv.")
@@ -113,17 +131,13 @@ def real(
         option(
             help_groups.SCENE,
             "NAME",
-            "What the tracker is told of each object: pixel, quad or nothing.",
+            "What the tracker is told of each object: pixel, quad, outline or nothing.",
             show_default="pixel, with scenes.csv",
         ),
     ] = None,
-    methods: MethodNames = None,
-    peers: Peers = False,
     output: options.Output = options.OUTPUT_FOLDER / "evaluate-real",
-    quiet: options.Quiet = False,
-    risk: options.Risk = 1e-3,
-    workers: options.Workers = None,
-    scheduler: options.Scheduler = None,
+    *,
+    suite: SuiteOptions,
 ) -> None:
     """Track a grasp through real videos by every method, and compare with reference homographies.
 
@@ -132,8 +146,8 @@ def real(
 
     scenes.csv in DIR says which object is meant: name of the video, object (a pixel of it, x,y, in the first frame that
     its table lists) and quad (its corners in frame 0 of the table). Tracking then starts at that frame. --given says what the
-    tracker is told: the pixel; the quad, on two of whose sides the contacts are placed; or nothing. A video in which
-    the tracker selects another object is left out and named.
+    tracker is told: pixel; quad, the pixel and contacts on two sides of the quad; outline, such contacts and the quad; or
+    nothing. A video in which the tracker selects another object is left out and named.
 
     \b
     Examples:
@@ -141,27 +155,67 @@ def real(
       grasptrack evaluate real videos --given quad --methods auto,klt
       grasptrack evaluate real videos --peers --output real-with-peers
     """
-    from grasptrack_bench import suites
+    from grasptrack_bench import real as videos
+
+    told: Any = options.one_of("--given", given, videos.GIVEN)
+    asked = suite.with_own(folder=str(folder.resolve()), given=told, fingers=fingers, friction=friction)
+    _run_videos(output, videos.videos_of(folder.resolve(), fingers, friction, told, suite.risk), asked, suite)
+
+
+@evaluate.command(cls=help_groups.GroupedCommand, short_help="The planar tracking benchmark POT-210 or POT-280.")
+@help_groups.with_options
+def pot(
+    folder: Annotated[
+        Path,
+        typer.Argument(metavar="DIR", help="Sequences: folders V24_7 of images, or V24_7.avi, and their annotation."),
+    ],
+    every: Annotated[
+        int,
+        option(
+            help_groups.SCENE, "N", "Number of images from one that is shown to the next: a lower frame rate.", min=1
+        ),
+    ] = 1,
+    given: Annotated[
+        str,
+        option(help_groups.SCENE, "NAME", "What the tracker is told of the target: pixel, quad, outline or nothing."),
+    ] = "outline",
+    output: options.Output = options.OUTPUT_FOLDER / "evaluate-pot",
+    *,
+    suite: SuiteOptions,
+) -> None:
+    """Track a grasp on the targets of the planar tracking benchmark, and compare with its corners.
+
+    V24_7_gt_points.txt lies with the images, beside them or in DIR/annotation, and the flags V24_7_flag.txt with it. The
+    contacts lie on two sides of the target. p@5 is the benchmark's score: the share of its scored frames whose corners, under
+    the method's homography, are off by 5 px or less. Writes what `grasptrack evaluate scenes` writes.
+
+    \b
+    Examples:
+      grasptrack evaluate pot POT --methods auto
+      grasptrack evaluate pot POT --every 4 --methods auto,klt,sift,ecc --output every-4
+    """
+    from grasptrack_bench.pot import sequences_of
     from grasptrack_bench.real import GIVEN
-    from grasptrack_bench.schedule import create_scheduler as schedule
 
-    asked: dict[str, Any] = {
-        "folder": str(folder.resolve()),
-        "given": options.one_of("--given", given, GIVEN),
-        "methods": suites.method_names(options.parse_names(methods), peers=peers),
-        "fingers": fingers,
-        "friction": friction,
-        "risk": risk,
-    }
-    work = suites.real_suite(**asked)
-    _run_suite(output, work, schedule(scheduler, workers), asked, quiet)
+    told: Any = options.one_of("--given", given, GIVEN)
+    asked = suite.with_own(folder=str(folder.resolve()), every=every, given=told)
+    _run_videos(output, sequences_of(folder.resolve(), every, told, suite.risk), asked, suite)
 
 
-def _run_suite(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: bool) -> None:
+def _run_videos(output: Path, cases: Any, asked: dict[str, Any], suite: SuiteOptions) -> None:
+    from grasptrack_bench.suites import video_suite
+
+    _run_suite(output, video_suite(cases, asked["methods"]), asked, suite)
+
+
+def _run_suite(output: Path, work: Any, asked: dict[str, Any], suite: SuiteOptions) -> None:
     """Score, report, tell."""
     from grasptrack_bench.report.run import PAGE, write_report
     from grasptrack_bench.report.tables import closing_table
     from grasptrack_bench.run_folder import fill_run_folder
+    from grasptrack_bench.schedule import create_scheduler
+
+    schedule = create_scheduler(suite.scheduler, suite.workers)
 
     def fill_and_report(tell: Progress) -> tuple[Filled, Path]:
         filled = fill_run_folder(
@@ -179,8 +233,8 @@ def _run_suite(output: Path, work: Any, schedule: Any, asked: dict[str, Any], qu
             raise InputError(f"nothing could be measured: {next(iter(filled.failed.values()), 'no case')}")
         return filled, write_report(output, picture=work.picture(output), progress=tell)
 
-    filled, report = with_progress(output, quiet, fill_and_report, again=", and the same command goes on with it")
-    if quiet:
+    filled, report = with_progress(output, suite.quiet, fill_and_report, again=", and the same command goes on with it")
+    if suite.quiet:
         return
     heads, rows = closing_table(output)
     notes = [f"{name} left out: {reason}" for name, reason in list(filled.failed.items())[:MOST_NAMED]]
