@@ -23,9 +23,10 @@ from grasptrack.tracking.decision import (
     other_size_probability,
     place_prior,
 )
-from grasptrack.tracking.equals import NOTICED, Shows, Way, alias_probability, complete_row, log_density
+from grasptrack.tracking.equals import NOTICED, SHOWN_RIGHT, Shows, Way, alias_probability, complete_row, log_density
 from grasptrack.tracking.estimator import estimate_pose, first_state
 from grasptrack.tracking.evidence import (
+    MAX_EXPONENT,
     SUDDEN,
     departure_probability,
     outline_surprisal,
@@ -54,7 +55,7 @@ from grasptrack.tracking.pose import (
     max_contact_distance,
     mean_point,
 )
-from grasptrack.tracking.redetection import Redetection, best_sighted_pose, place_is_empty
+from grasptrack.tracking.redetection import SCORE_SAMPLES, Redetection, best_sighted_pose, place_is_empty
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.surroundings import ground_of_surroundings
 from grasptrack.tracking.target import Grey, Target, build_pyramid
@@ -161,16 +162,15 @@ class Follower:
             second = self.redetection.promising(levels, predictions.second)
             solutions.add(second + self.redetection.search_image(state, levels))
             decision = solutions.decide_among()
-            decision, predictions = self._among_surroundings(decision, levels, predictions, solutions)
         elif decision.is_accepted and state.lost and departure_probability(expected.steps, target.numbers) > risk:
             # what lies at its place may be another one while it lies elsewhere
             solutions.add(self.redetection.search_image(state, levels))
             decision = solutions.decide_among()
+        decision, predictions = self._among_surroundings(decision, levels, predictions, solutions)
         decision = self._against_slides(decision, solutions)
         decision = self._against_turns(decision, solutions, predictions)
-        decision = self._against_equals(
-            self._against_other_sizes(decision, levels), levels, predictions, solutions.expected
-        )
+        decision = self._against_other_looks(self._against_other_sizes(decision, levels), levels, predictions)
+        decision = self._against_equals(decision, levels, predictions, solutions.expected)
         self._learn_from_image(levels, decision, predictions)
         if state.lost:
             state.sighted = best_sighted_pose(state, solutions.found, solutions.expected.steps)
@@ -231,9 +231,12 @@ class Follower:
     ) -> tuple[Decision, Predictions]:
         """A decision by what surrounded the object where ground and object were lost together, and what is predicted then."""
         state = self.state
-        if decision.is_accepted or not state.lost or (predictions.background is not None and state.anchored):
+        e = decision.estimate
+        jumped = bool(state.lost) or (e is not None and e.origin not in (*CONTINUOUS, TURNED, TRIED))
+        if not jumped or (predictions.background is not None and state.anchored):
             return decision, predictions
-        ground = ground_of_surroundings(state, Look(levels, state.last.G), solutions.found)
+        guess = self.redetection.find_ground(state, levels)
+        ground = ground_of_surroundings(state, levels, solutions.found, guess)
         if ground is None:
             return decision, predictions
         predictions = predictions._replace(background=ground, anew=True)
@@ -319,12 +322,17 @@ class Follower:
         What rests on the ground, and moved as that did, is no other.
         """
         state, e, even = self.state, decision.estimate, predictions.even
-        if e is None or not (len(state.equals) or (e.origin not in CONTINUOUS and self._shows_equals(state.located))):
+        if e is None:
             return decision
-        if predictions.background is not None and (state.anchored or predictions.anew or not state.lost):
-            carried = self.target.carried_contacts(predictions.background)
+        ground = predictions.background if state.anchored or predictions.anew or not state.lost else None
+        if ground is not None:
+            carried = self.target.carried_contacts(ground)
             if max_contact_distance(e.contacts, carried) < decision.tolerance:
                 return decision
+            if (state.lost or predictions.anew) and self._lay_there(e, ground):
+                return decision.with_alias(SHOWN_RIGHT)
+        if not (len(state.equals) or (e.origin not in CONTINUOUS and self._shows_equals(state.located))):
+            return decision
         if state.lost:
             G = self._expected_pose(predictions)
             way = Way(G, G, (state.numbers.travel * expected.steps) ** 2)
@@ -339,6 +347,27 @@ class Follower:
         if e is None or not state.lost or decision.evidence <= 0.0 or (ground := located_ground(state, levels)) is None:
             return decision
         return decision.with_alias(other_size_probability(state, e, ground), "other-shape")
+
+    def _against_other_looks(self, decision: Decision, levels: list[Grey], predictions: Predictions) -> Decision:
+        """A decision after a loss against a part that is lighter than the ground where the object is darker, or the reverse.
+
+        On the ground on which it lay no light makes that of the object.
+        """
+        state, e, numbers = self.state, decision.estimate, self.state.numbers
+        ground = predictions.background if state.anchored or predictions.anew else None
+        if e is None or not (state.lost or predictions.anew) or ground is None:
+            return decision
+        if not is_at(e, mean_point(self.target.carried_contacts(ground))):
+            return decision
+        share, look = self.redetection.edge_share, state.located
+        same, before = share(levels[0], e.G), share(look.levels[0], look.G)
+        other = share(levels[0], e.G, turned=True) - share(look.levels[0], look.G, turned=True)
+        turned = SCORE_SAMPLES * max(0.0, min(other, before - same))  # grained ground has edges of either sign
+        told = turned * math.log(0.5 / (1.0 - numbers.same_sign)) + SCORE_SAMPLES * same * math.log(
+            0.5 / numbers.same_sign
+        )
+        exchanged = numbers.exchanged * math.exp(min(numbers.temper * told, MAX_EXPONENT))
+        return decision.with_alias(exchanged / (1.0 + exchanged), "other-surface")
 
     def _parts_shown(self, grey: Grey, own: Floats) -> Shows:
         """Whether an image that shows the object at a pose shows a part at another one."""
@@ -365,7 +394,7 @@ class Follower:
         """Where it is expected, how long it may have moved freely, and how large it would be."""
         state, target, numbers = self.state, self.target, self.state.numbers
         passed = max(1.0, state.steps)
-        if not state.lost:
+        if not (state.lost or predictions.anew):
             unseen, adrift = passed * state.pace, 0.0 if predictions.background is not None else passed
         elif predictions.anew:
             unseen, adrift = state.wander * (state.adrift + passed), 0.0
@@ -387,7 +416,7 @@ class Follower:
 
     def _expected_pose(self, predictions: Predictions) -> Floats:
         """(3, 3) where it is expected: as it moved, or, once it is lost, where the background has its place."""
-        if not self.state.lost:
+        if not (self.state.lost or predictions.anew):
             return predictions.first[0].G
         if predictions.background is not None and (self.state.anchored or predictions.anew):
             return predictions.background
@@ -413,6 +442,17 @@ class Follower:
                 continue
             if pose_evidence(state, other) > LOOKALIKE_EVIDENCE * pose_evidence(state, own) > 0.0:
                 yield other
+
+    def _lay_there(self, estimate: PoseEstimate, ground: Floats) -> bool:
+        """Whether the last look at the object shows it, and what an estimate found as well, where the ground has that then."""
+        state, look = self.state, self.state.located
+        G = look.G @ np.linalg.inv(ground) @ estimate.G
+        then = estimate_pose(
+            state, look.levels, Hypothesis(TRIED, G / G[2, 2], self.target.noise_of_motion), still=True
+        )
+        if then is None or is_at(then, mean_point(self.target.carried_contacts(look.G))):
+            return False
+        return pose_evidence(state, then) > LOOKALIKE_EVIDENCE * pose_evidence(state, estimate) > 0.0
 
     def _shows_equals(self, look: Look) -> bool:
         """Whether a look at the object shows equals of it, which are then known; each look is asked once."""

@@ -28,6 +28,8 @@ MIN_KEYPOINTS = 8
 """Keypoints that a pose must rest on."""
 MAX_KEYPOINTS, KEYPOINT_CONTRAST = 2000, 0.02
 """Keypoints of an image, the strongest ones, and the contrast of one at least: half of SIFT's own, for small print."""
+MAX_SHOWN = 600
+"""Keypoints of the last look, the strongest ones."""
 BETTER_MATCH = 0.8
 """Distance of a match over that to the second best, at most."""
 KEYPOINT_REACH = 4.0
@@ -78,7 +80,7 @@ STILL_BACKGROUND, NOW_BACKGROUND = 0.7, 0.8
 
 
 class Keypoints:
-    """Keypoints of the object in the first image, to be found anywhere.
+    """Keypoints of the object in the first image, and of all that the last look at it shows, to be found anywhere.
 
     Args:
         target: the object.
@@ -93,30 +95,47 @@ class Keypoints:
         self._enlarge = np.diag([2.0**level, 2.0**level, 1.0])
         mask = np.zeros_like(grey)
         cv2.fillPoly(mask, [np.round(target.view.outer.points / 2.0**level).astype(np.int32)], 255)
-        points, self._descriptors = self._detect_keypoints(grey, as_grey(cv2.dilate(mask, np.ones((9, 9), np.uint8))))
-        self._points = np.array([point.pt for point in points], np.float32)
+        self._own = self._detect_keypoints(grey, as_grey(cv2.dilate(mask, np.ones((9, 9), np.uint8))))
+        self._look: Look | None = None
+        self._shown = self._own  # by the look
+        self._image, self._found = levels, self._own  # the last image that was searched
 
-    def _detect_keypoints(self, grey: Grey, mask: Grey | None = None) -> Any:
+    def _detect_keypoints(self, grey: Grey, mask: Grey | None = None, most: int = MAX_KEYPOINTS) -> Any:
         """Keypoints of an image and their descriptions."""
-        return cv2.SIFT.create(MAX_KEYPOINTS, contrastThreshold=KEYPOINT_CONTRAST).detectAndCompute(grey, mask)
+        return cv2.SIFT.create(most, contrastThreshold=KEYPOINT_CONTRAST).detectAndCompute(grey, mask)
 
     def find_pose(self, levels: list[Grey]) -> Floats | None:
         """(3, 3) a pose on which enough keypoints of an image's pyramid agree, or None."""
-        if self._descriptors is None or len(self._descriptors) < MIN_KEYPOINTS:
+        H = self._find_motion(self._own, levels)
+        return None if H is None else self._target.pose(H)
+
+    def find_ground(self, look: Look, levels: list[Grey]) -> Floats | None:
+        """(3, 3) the pose of what lies as it lay in a look, by all that this shows; None where too little of it is found."""
+        if self._look is not look:
+            self._look, self._shown = look, self._detect_keypoints(look.levels[self._level], most=MAX_SHOWN)
+        H = self._find_motion(self._shown, levels)
+        return None if H is None else H @ look.G
+
+    def _find_motion(self, known: Any, levels: list[Grey]) -> Floats | None:
+        """(3, 3) from the image of some keypoints to that of a pyramid, on which enough of them agree, or None."""
+        known_points, known_descriptors = known
+        if known_descriptors is None or len(known_descriptors) < MIN_KEYPOINTS:
             return None
-        points, descriptors = self._detect_keypoints(levels[self._level])
+        if self._image is not levels:
+            self._image, self._found = levels, self._detect_keypoints(levels[self._level])
+        points, descriptors = self._found
         if descriptors is None or len(points) < MIN_KEYPOINTS:
             return None
-        pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(self._descriptors, descriptors, k=2)
+        pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(known_descriptors, descriptors, k=2)
         good = [a for a, b in (p for p in pairs if len(p) == 2) if a.distance < BETTER_MATCH * b.distance]
         if len(good) < MIN_KEYPOINTS:
             return None
-        source = self._points[[m.queryIdx for m in good]]
+        source = np.array([known_points[m.queryIdx].pt for m in good], np.float32)
         place = np.array([points[m.trainIdx].pt for m in good], np.float32)
         H, inliers = cv2.findHomography(source, place, cv2.USAC_FAST, KEYPOINT_REACH)
         if H is None or inliers.sum() < MIN_KEYPOINTS:
             return None
-        return self._target.pose(self._enlarge @ np.asarray(H, dtype=np.float64) @ np.linalg.inv(self._enlarge))
+        return np.asarray(self._enlarge @ H @ np.linalg.inv(self._enlarge), dtype=np.float64)
 
 
 def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats]:
@@ -289,7 +308,7 @@ class Redetection:
         others = [] if state.sighted is None else [Hypothesis("sighted", state.sighted, wide)]
         if turn % 3 == 0:
             others += [Hypothesis("shifted", G, wide) for G in shifted_looks(target, state.located, levels)]
-        if turn < 2 or turn % 2 == 0:
+        if _is_turn_of_keypoints(turn):
             G = self._keypoints.find_pose(levels)
             if G is not None:
                 others.append(Hypothesis("keypoints", G, wide))
@@ -320,8 +339,15 @@ class Redetection:
         """Of hypotheses of continuity after a loss those that are worth solving, and the first in any case."""
         return self.promising(levels, hypotheses) or hypotheses[:1]
 
-    def edge_share(self, grey: Grey, G: Floats) -> float:
-        """Share of the outline at a pose (3, 3) that has an edge of its sign nearby in an image (H, W), quickly."""
+    def find_ground(self, state: TrackState, levels: list[Grey]) -> Floats | None:
+        """(3, 3) where what lies as it lay in the last look has the object, by keypoints; None in images that get no search."""
+        return self._keypoints.find_ground(state.located, levels) if _is_turn_of_keypoints(state.lost) else None
+
+    def edge_share(self, grey: Grey, G: Floats, *, turned: bool = False) -> float:
+        """Share of the outline at a pose (3, 3) that has an edge of its sign nearby in an image (H, W), quickly.
+
+        With `turned` the share that has one of the other sign.
+        """
         area = sane_area(self._target, G)
         if not len(self._points) or not area:
             return 0.0
@@ -331,7 +357,8 @@ class Redetection:
         for sign in (1, -1):
             own = self._strength * sign > 0.0
             if own.any():
-                edges = kernels.search_along_normals(grey, at[own], normals[own], reach, sign)[:, 1]
+                asked = -sign if turned else sign
+                edges = kernels.search_along_normals(grey, at[own], normals[own], reach, asked)[:, 1]
                 hits += int(np.count_nonzero(np.abs(edges) >= STRENGTH_KEPT * np.abs(self._strength[own])))
         return hits / len(self._points)
 
@@ -343,6 +370,10 @@ class Redetection:
     def _is_known(self, hypothesis: Hypothesis, others: list[Hypothesis]) -> bool:
         """Whether a hypothesis leads to the same pose as another."""
         return any(lead_alike(self._target, hypothesis, other) for other in others)
+
+
+def _is_turn_of_keypoints(lost: int) -> bool:
+    return lost < 2 or lost % 2 == 0
 
 
 def best_sighted_pose(state: TrackState, estimates: list[PoseEstimate], steps: float) -> Floats | None:

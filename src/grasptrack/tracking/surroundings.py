@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.kernels import PoseFlow
+from grasptrack.kernels import PoseFlow, seen_area
 from grasptrack.tracking.evidence import pose_evidence
 from grasptrack.tracking.hypotheses import align_look
-from grasptrack.tracking.pose import Hypothesis, Look, PoseEstimate, is_at
+from grasptrack.tracking.pose import SAME_PLACE, Hypothesis, PoseEstimate, is_at
 from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
 
 MOST_PLACES = 3
@@ -34,28 +35,37 @@ class _Agreement(NamedTuple):
         return same - k * math.log(chance) - (n - k) * math.log1p(-chance)
 
 
-def ground_of_surroundings(state: TrackState, look: Look, estimates: Sequence[PoseEstimate]) -> Floats | None:
+def ground_of_surroundings(
+    state: TrackState, levels: list[Grey], estimates: Sequence[PoseEstimate], ground: Floats | None
+) -> Floats | None:
     """(3, 3) where the ground has an object that was lost with it, if it surely lies where one of the estimates has it.
 
     Args:
         state: of the object, whose last look at it is laid on the image.
-        look: the image; its pose does not matter.
+        levels: the image's pyramid.
         estimates: what may be the object in it.
+        ground: (3, 3) a guess of where the ground has it; None where there is none.
     """
     target, numbers = state.target, state.numbers
     told: list[tuple[float, Floats]] = []
     chance: float | None = None
-    for estimate in _likeliest_places(state, estimates):
-        found = _laid_at(state, look, estimate.G)
+    starts = [estimate.G for estimate in _likeliest_places(state, estimates)]
+    for start in starts if ground is None else [ground, *starts]:
+        found = _laid_at(state, levels, start)
         if found is None:
             continue
         chance = _chance_agreement(state) if chance is None else chance
         told.append((numbers.temper * _agreement(state, found).log_odds(chance), found.G))
     told.sort(key=lambda each: -each[0])
     needed = -math.log(numbers.risk)
-    if not told or told[0][0] < needed or (len(told) > 1 and told[0][0] < told[1][0] + needed):
+    if not told or told[0][0] < needed:
         return None
-    return told[0][1] if math.isfinite(float(target.pose_difference(state.located.G, told[0][1]).sum())) else None
+    best, middle = told[0], target.centre[None]
+    for odds, G in told[1:]:
+        away = float(np.hypot(*(apply_homography(G, middle) - apply_homography(best[1], middle))[0]))
+        if best[0] < odds + needed and away > SAME_PLACE * math.sqrt(abs(seen_area(best[1], target.outline))):
+            return None
+    return best[1]
 
 
 def _likeliest_places(state: TrackState, estimates: Sequence[PoseEstimate]) -> list[PoseEstimate]:
@@ -67,10 +77,10 @@ def _likeliest_places(state: TrackState, estimates: Sequence[PoseEstimate]) -> l
     return kept
 
 
-def _laid_at(state: TrackState, look: Look, G: Floats) -> PoseFlow | None:
+def _laid_at(state: TrackState, levels: list[Grey], G: Floats) -> PoseFlow | None:
     """The last look's surroundings laid on an image about a pose (3, 3); None where too few of them agree."""
     Q = state.target.noise_of_motion
-    return align_look(state, state.located, look.levels, [Hypothesis("background", G, Q)], Q, state.target.ring)
+    return align_look(state, state.located, levels, [Hypothesis("background", G, Q)], Q, state.target.ring)
 
 
 def _agreement(state: TrackState, found: PoseFlow) -> _Agreement:
@@ -87,7 +97,7 @@ def _chance_agreement(state: TrackState) -> float:
     target, look, most = state.target, state.located, 0.0
     places = [np.array(way) * target.size for way in ASIDE] + list(state.equals)
     for x, y in places:
-        found = _laid_at(state, look, look.G @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]))
+        found = _laid_at(state, look.levels, look.G @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]))
         if found is None:
             continue
         came_back = float(np.hypot(*target.pose_difference(look.G, found.G)[:2])) < 0.5 * math.hypot(x, y)
