@@ -240,6 +240,8 @@ class Follower:
         if ground is None:
             return decision, predictions
         predictions = predictions._replace(background=ground, anew=True)
+        if decision.is_accepted and e is not None and is_at(e, mean_point(self.target.carried_contacts(ground))):
+            return decision, predictions  # what surrounds it need not lie in its plane
         state.gone = place_is_empty(self.target, state.located, levels, ground)  # where that was, was not known
         solutions.expected = self._expected_location(predictions)
         solutions.add([Hypothesis("background", ground, state.P + self.target.noise_of_motion)])
