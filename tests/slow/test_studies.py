@@ -30,6 +30,7 @@ SMALLEST = {
     "closure_probability": "--shapes bracket --draws 20 --grasps 1",
     "confidence": "RUN --picture PICTURE",
     "first_look": "--data DATA --fit",
+    "returns": "--parts bracket --disturbances clean-6dof --repeats 1 --workers 1",
     "recording": "--frames 4 --rounds 1",
     "polygons": "--data DATA --fit",
     "first_outline": "--shapes bracket --kinds gap --frames 4 --never",

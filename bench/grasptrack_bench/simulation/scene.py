@@ -124,8 +124,7 @@ class Scene:
         self.slide = np.array(slide, dtype=np.float64)
         self.table = table if table is not None else wood_texture(seed)
         self.surface = surface if surface is not None else brushed_texture(seed)
-        self._plane_to_image = path.table_to_image(self.camera, thickness) @ self._place(np.arange(self.count))
-        self._image_to_plane = np.linalg.inv(self._plane_to_image[0])
+        self.move_camera(path)
         self._renderer = Renderer(
             shape,
             self.table,
@@ -149,6 +148,12 @@ class Scene:
         """(3, 3) H_current_reference of a frame: ideal px of frame 0 to its own, in the plane of the contacts."""
         H = self._plane_to_image[index] @ self._image_to_plane
         return np.asarray(H / H[2, 2], dtype=np.float64)
+
+    def move_camera(self, path: Path) -> None:
+        """Film it from another path of as many frames."""
+        self.path = path
+        self._plane_to_image = path.table_to_image(self.camera, self.thickness) @ self._place(np.arange(self.count))
+        self._image_to_plane = np.linalg.inv(self._plane_to_image[0])
 
     def with_conditions(self, **changes: Any) -> Scene:
         """The same scene with other light or another sensor: fields of its conditions, all but the blur."""

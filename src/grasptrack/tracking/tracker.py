@@ -207,8 +207,11 @@ class GraspTracker:
         self.length, self.pixel_aspect = length, pixel_aspect
         self.strategy, self.friction, self.risk = strategy, friction, check_risk(risk)
         allowed = None if tolerance is None else _checked_tolerance(tolerance, hand)
-        if next_object and given is not None:
-            _checked_fingers(self.fingers, strategy, None)  # the next object's are chosen
+        if next_object and self.fingers > 3:
+            raise StrategyError(
+                f"the next object's grasp is synthesised, for 2 or 3 fingers, not {self.fingers}; give 2 or 3 contacts",
+                fingers=self.fingers,
+            )
         regions = segmenter_for(segmenter)
         self._masks = regions if isinstance(regions, OneMask) else None
         said = FirstImage.of(
