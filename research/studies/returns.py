@@ -40,7 +40,7 @@ UNLIKE = 0.3
 """Correlation below which another surface looks different, but for what is wider than some px."""
 
 
-class Return(NamedTuple):
+class ReturnCase(NamedTuple):
     """One sequence.
 
     Attributes:
@@ -52,7 +52,7 @@ class Return(NamedTuple):
     others: float
 
 
-class Outcome(NamedTuple):
+class ReturnOutcome(NamedTuple):
     """What came of it.
 
     Attributes:
@@ -72,7 +72,7 @@ class Outcome(NamedTuple):
     reason: str
 
 
-def follow_return(asked: Return) -> Outcome | None:
+def follow_return(asked: ReturnCase) -> ReturnOutcome | None:
     """Show a sequence to the tracker; None where there is no grasp to follow."""
     case, rng = asked.case, np.random.default_rng(zlib.crc32(f"{asked.case.seed} {asked.case.name}".encode()))
     event, rate = str(rng.choice(EVENTS)), math.exp(rng.uniform(*np.log(RATES)))
@@ -105,7 +105,7 @@ def follow_return(asked: Return) -> Outcome | None:
 
     rows = score_sequence(frames(), method_makers(["auto"], case.risk), start)["auto"]
     found = [i for i, row in enumerate(rows[back:]) if row.answered]
-    return Outcome(
+    return ReturnOutcome(
         event,
         other,
         rows[BEFORE - 1].answered,
@@ -176,7 +176,7 @@ def _hidden(image: Pixels, event: str, rng: np.random.Generator) -> Pixels:
     return image
 
 
-def format_row(name: str, rows: list[Outcome]) -> list[str]:
+def format_row(name: str, rows: list[ReturnOutcome]) -> list[str]:
     """Of returns of the part itself: how many, found soon, found at all, sequences with a wrong answer."""
     soon, ever = (sum(0 <= r.after < most for r in rows) / max(1, len(rows)) for most in (SOON, AFTER))
     return [name, str(len(rows)), f"{100 * soon:.1f}", f"{100 * ever:.1f}", str(sum(r.wrong > 0 for r in rows))]
@@ -194,7 +194,7 @@ def main() -> None:
     asked = parser.parse_args()
     kinds = asked.disturbances.split(",")
     cases = make_scene_cases(built_in(asked.parts.split(",")), kinds, repeats=asked.repeats, seed=asked.seed)
-    found = common.run_all(follow_return, [Return(case, asked.others) for case in cases], asked.workers)
+    found = common.run_all(follow_return, [ReturnCase(case, asked.others) for case in cases], asked.workers)
     known = [(case, row) for case, row in zip(cases, found, strict=True) if row is not None and row.followed]
     own = [(case, row) for case, row in known if not row.other]
     common.begin_section("Returns")

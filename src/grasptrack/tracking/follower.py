@@ -2,7 +2,7 @@
 """Follows one target through images: hypotheses, estimates, decision, and what is learned from them (Fig. 3)."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -20,22 +20,18 @@ from grasptrack.tracking.decision import (
     ExpectedSize,
     any_of,
     check_strategy_contacts,
-    other_size_probability,
     place_prior,
 )
-from grasptrack.tracking.equals import NOTICED, SHOWN_RIGHT, Shows, Way, alias_probability, complete_row, log_density
-from grasptrack.tracking.estimator import estimate_pose, first_state
+from grasptrack.tracking.equals import NOTICED, log_density
+from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.evidence import (
-    MAX_EXPONENT,
     SUDDEN,
     departure_probability,
     outline_surprisal,
-    pose_evidence,
     power_surprisal,
     texture_evidence,
-    wrong_object_probability,
 )
-from grasptrack.tracking.hypotheses import Predictions, Solutions, located_ground, predict_hypotheses
+from grasptrack.tracking.hypotheses import Predictions, Solutions, predict_hypotheses
 from grasptrack.tracking.learning import learn, lose
 from grasptrack.tracking.mending import Mended, Mender
 from grasptrack.tracking.messages import StatusReason
@@ -45,7 +41,6 @@ from grasptrack.tracking.pose import (
     TRIED,
     TURNED,
     Hypothesis,
-    Look,
     PoseEstimate,
     changed_estimate,
     contact_tolerance,
@@ -55,7 +50,8 @@ from grasptrack.tracking.pose import (
     max_contact_distance,
     mean_point,
 )
-from grasptrack.tracking.redetection import SCORE_SAMPLES, Redetection, best_sighted_pose, place_is_empty
+from grasptrack.tracking.redetection import Redetection, best_sighted_pose, place_is_empty
+from grasptrack.tracking.rivals import Rivals
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.surroundings import ground_of_surroundings
 from grasptrack.tracking.target import Grey, Target, build_pyramid
@@ -63,10 +59,6 @@ from grasptrack.typing import Floats
 
 OUTLINE_POINTS = 60
 """Points of an outline at which it is compared with another."""
-LOOKALIKE_EVIDENCE = 0.5
-"""Share of the evidence for the object that something has to show to be just like it."""
-ALIKE_SHARE = 0.75
-"""Share of the edges that the object shows, from which on a place shows a part."""
 AUTO = "auto"
 """Name of the strategy that registers all that is seen."""
 REGISTRATION = "registration"
@@ -131,8 +123,8 @@ class Follower:
         self.mended = 0.0
         self._mended: Mended | None = None
         self._mender = Mender(target, levels, self._hidden)
-        self._looked_at: Look | None = None
-        if self._shows_equals(self.state.last):
+        self.rivals = Rivals(self.state, self.redetection)
+        if self.rivals.shows_equals(self.state.last):
             self.state.note_lookalike(anywhere=True)
 
     @property
@@ -169,8 +161,7 @@ class Follower:
         decision, predictions = self._among_surroundings(decision, levels, predictions, solutions)
         decision = self._against_slides(decision, solutions)
         decision = self._against_turns(decision, solutions, predictions)
-        decision = self._against_other_looks(self._against_other_sizes(decision, levels), levels, predictions)
-        decision = self._against_equals(decision, levels, predictions, solutions.expected)
+        decision = self._against_rivals(decision, levels, predictions, solutions.expected)
         self._learn_from_image(levels, decision, predictions)
         if state.lost:
             state.sighted = best_sighted_pose(state, solutions.found, solutions.expected.steps)
@@ -200,8 +191,8 @@ class Follower:
                 continue
             contacts = found.estimate.contacts
             nearest = min(proposed, key=lambda proposal: max_contact_distance(proposal.contacts, contacts))
-            found = self._against_other_sizes(self._against_turns(found, solutions, predictions), levels)
-            found = self._against_equals(found, levels, predictions, solutions.expected)
+            found = self._against_turns(found, solutions, predictions)
+            found = self._against_rivals(found, levels, predictions, solutions.expected)
             answer = check_strategy_contacts(found, nearest.contacts)
             if answer.is_accepted:
                 break
@@ -220,6 +211,7 @@ class Follower:
             self.mended = self._mended.share
             self.state.replace_outline(self._mended.target, self._mended.usual)
             self.redetection = Redetection(self.target, self._mended.levels, self._observer, self._hidden)
+            self.rivals.redetection = self.redetection
             self._mended = None
         levels = build_pyramid(grey)
         self.state.advance(time)
@@ -316,65 +308,15 @@ class Follower:
         only_turned = own is not None and rival is not None and self._is_turned(own, rival)
         return replace(decision, doubt="ambiguous") if decision.doubt == "other-place" and only_turned else decision
 
-    def _against_equals(
+    def _against_rivals(
         self, decision: Decision, levels: list[Grey], predictions: Predictions, expected: Expected
     ) -> Decision:
-        """A decision against the equals of the object, one of which may have come to its place.
-
-        What rests on the ground, and moved as that did, is no other.
-        """
-        state, e, even = self.state, decision.estimate, predictions.even
-        if e is None:
-            return decision
-        ground = predictions.background if state.anchored or predictions.anew or not state.lost else None
-        if ground is not None:
-            carried = self.target.carried_contacts(ground)
-            if max_contact_distance(e.contacts, carried) < decision.tolerance:
-                return decision
-            if (state.lost or predictions.anew) and self._lay_there(e, ground):
-                return decision.with_alias(SHOWN_RIGHT)
-        if not (len(state.equals) or (e.origin not in CONTINUOUS and self._shows_equals(state.located))):
-            return decision
-        if state.lost:
-            G = self._expected_pose(predictions)
-            way = Way(G, G, (state.numbers.travel * expected.steps) ** 2)
-        else:
-            spread = None if even is None else state.agility * state.drifted
-            way = Way(state.last.G if even is None else even, state.last.G, spread)
-        return decision.with_alias(alias_probability(state, e, way, self._parts_shown(levels[0], e.G)))
-
-    def _against_other_sizes(self, decision: Decision, levels: list[Grey]) -> Decision:
-        """A decision after a loss against a larger or smaller part of the same shape: the ground tells which size is right."""
-        state, e = self.state, decision.estimate
-        if e is None or not state.lost or decision.evidence <= 0.0 or (ground := located_ground(state, levels)) is None:
-            return decision
-        return decision.with_alias(other_size_probability(state, e, ground), "other-shape")
-
-    def _against_other_looks(self, decision: Decision, levels: list[Grey], predictions: Predictions) -> Decision:
-        """A decision after a loss against a part that is lighter than the ground where the object is darker, or the reverse.
-
-        On the ground on which it lay no light makes that of the object.
-        """
-        state, e, numbers = self.state, decision.estimate, self.state.numbers
-        ground = predictions.background if state.anchored or predictions.anew else None
-        if e is None or not (state.lost or predictions.anew) or ground is None:
-            return decision
-        if not is_at(e, mean_point(self.target.carried_contacts(ground))):
-            return decision
-        share, look = self.redetection.edge_share, state.located
-        same, before = share(levels[0], e.G), share(look.levels[0], look.G)
-        other = share(levels[0], e.G, turned=True) - share(look.levels[0], look.G, turned=True)
-        turned = SCORE_SAMPLES * max(0.0, min(other, before - same))  # grained ground has edges of either sign
-        told = turned * math.log(0.5 / (1.0 - numbers.same_sign)) + SCORE_SAMPLES * same * math.log(
-            0.5 / numbers.same_sign
+        """A decision against all that may be taken for the object."""
+        decision = self.rivals.against_other_sizes(decision, levels)
+        decision = self.rivals.against_other_looks(decision, levels, predictions)
+        return self.rivals.against_equals(
+            decision, levels, predictions, self._expected_pose(predictions), expected.steps
         )
-        exchanged = numbers.exchanged * math.exp(min(numbers.temper * told, MAX_EXPONENT))
-        return decision.with_alias(exchanged / (1.0 + exchanged), "other-surface")
-
-    def _parts_shown(self, grey: Grey, own: Floats) -> Shows:
-        """Whether an image that shows the object at a pose shows a part at another one."""
-        enough, share = ALIKE_SHARE * self.redetection.edge_share(grey, own), self.redetection.edge_share
-        return lambda G: share(grey, G) >= enough
 
     def _any_turn(self, decision: Decision, own: PoseEstimate) -> Decision:
         """A decision of what is round and may have turned by any angle, few of which leave the contacts there."""
@@ -432,55 +374,9 @@ class Follower:
         if state.gone:
             solutions.expected = solutions.expected._replace(steps=ANYWHERE_STEPS)
 
-    def _find_lookalikes(self, look: Look) -> Iterator[PoseEstimate]:
-        """What a look at the object shows elsewhere that is just like it."""
-        state = self.state
-        own = estimate_pose(state, look.levels, Hypothesis("at rest", look.G, state.P))
-        if own is None:
-            return
-        for hypothesis in self.redetection.find_lookalikes(look):
-            other = estimate_pose(state, look.levels, hypothesis, still=True)
-            if other is None or is_at(own, other.middle):
-                continue
-            if pose_evidence(state, other) > LOOKALIKE_EVIDENCE * pose_evidence(state, own) > 0.0:
-                yield other
-
-    def _lay_there(self, estimate: PoseEstimate, ground: Floats) -> bool:
-        """Whether the last look at the object shows it, and what an estimate found as well, where the ground has that then."""
-        state, look = self.state, self.state.located
-        G = look.G @ np.linalg.inv(ground) @ estimate.G
-        then = estimate_pose(
-            state, look.levels, Hypothesis(TRIED, G / G[2, 2], self.target.noise_of_motion), still=True
-        )
-        if then is None or is_at(then, mean_point(self.target.carried_contacts(look.G))):
-            return False
-        return pose_evidence(state, then) > LOOKALIKE_EVIDENCE * pose_evidence(state, estimate) > 0.0
-
-    def _shows_equals(self, look: Look) -> bool:
-        """Whether a look at the object shows equals of it, which are then known; each look is asked once."""
-        state = self.state
-        if self._looked_at is not look:
-            self._looked_at = look
-            middles = [e.middle for e in self._find_lookalikes(look)]
-            if middles and not len(state.equals):
-                state.equals = complete_row(self.target, look.G, middles, self._parts_shown(look.levels[0], look.G))
-        return bool(len(state.equals))
-
-    def _shows_both(self, decision: Decision) -> bool:
-        """Whether one image shows the object where it was, and something that looks just like it elsewhere."""
-        state, one, other = self.state, decision.estimate, decision.rival
-        if one is None or other is None or is_at(one, other.middle):
-            return False
-        less, more = sorted(pose_evidence(state, e) for e in (one, other))
-        if not less > LOOKALIKE_EVIDENCE * more > 0.0:
-            return False
-        place = mean_point(self.target.carried_contacts(state.expected))
-        away = max(one, other, key=lambda e: math.dist(e.middle, place))
-        return wrong_object_probability(state, away, 1.0) < 0.5
-
     def _learn_from_image(self, levels: list[Grey], decision: Decision, predictions: Predictions) -> None:
         state, e = self.state, decision.estimate
-        if self._shows_both(decision):
+        if self.rivals.shows_both(decision):
             state.note_lookalike()
         roughly = (
             decision.code in ("uncertain", "apart", "outline-open") and decision.evidence > 0.0
@@ -492,7 +388,7 @@ class Follower:
         if e is not None and (decision.is_accepted or roughly):
             learn(state, levels, decision, e, predictions)
         else:
-            alike = not state.lost and (state.lookalike or self._shows_equals(state.located))
+            alike = not state.lost and (state.lookalike or self.rivals.shows_equals(state.located))
             lose(state, levels, decision, predictions, lookalike=alike)
         if not self._mender.is_over:
             self._mended = self._mender.examine_image(state, levels, decision)
