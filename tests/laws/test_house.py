@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_560,
     "research": 8_816,
     "native": 6_893,
-    "tests": 39_435,
+    "tests": 39_366,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 193
@@ -60,7 +60,7 @@ def test_imports_go_one_way():
 
 def test_nothing_of_the_wheel_imports_the_laboratory():
     for name, module in wheel().items():
-        others = {other for other in house.imported(module, everywhere=True) if other.split(".")[0] != "grasptrack"}
+        others = {other for other in house.imported(module) if other.split(".")[0] != "grasptrack"}
         assert not others, name
 
 
