@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_560,
     "research": 8_816,
     "native": 6_893,
-    "tests": 39_366,
+    "tests": 39_351,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 193
