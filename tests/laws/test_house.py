@@ -11,7 +11,7 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 38_046,
+    "src/grasptrack": 38_042,
     "src/grasptrack/tracking": 7_093,
     "src/grasptrack/servo": 4_862,
     "src/grasptrack/io": 4_852,
@@ -21,10 +21,10 @@ BUDGETS = {
     "src/grasptrack/view": 1_985,
     "src/grasptrack/trackability": 2_014,
     "src/grasptrack/grasp": 1_913,
-    "bench": 15_560,
-    "research": 8_816,
+    "bench": 15_548,
+    "research": 8_795,
     "native": 6_893,
-    "tests": 39_351,
+    "tests": 39_344,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 193
