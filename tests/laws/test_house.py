@@ -22,9 +22,9 @@ BUDGETS = {
     "src/grasptrack/trackability": 2_014,
     "src/grasptrack/grasp": 1_913,
     "bench": 15_548,
-    "research": 8_795,
+    "research": 8_789,
     "native": 6_893,
-    "tests": 39_344,
+    "tests": 39_307,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 193

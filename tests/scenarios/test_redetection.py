@@ -12,7 +12,7 @@ import pytest
 from datasets import SILHOUETTES
 from grasptrack import GraspTracker
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.pose import PoseEstimate, largest_sigma
@@ -122,11 +122,7 @@ def begun(shape: np.ndarray, centre: tuple[float, float] = (320.0, 240.0)) -> Tr
 
 def placed(x: float, y: float, angle: float = 0.0) -> np.ndarray:
     """From the first image to one in which the plate lies at (x, y), turned."""
-    c, s = math.cos(angle), math.sin(angle)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    to, back = np.eye(3), np.eye(3)
-    to[:2, 2], back[:2, 2] = (x, y), (-320.0, -240.0)
-    return to @ turn @ back
+    return similarity_transform(1.0, angle, (320.0, 240.0), (x, y))
 
 
 def seen(state: TrackState, H: np.ndarray, image: np.ndarray) -> PoseEstimate:

@@ -10,7 +10,7 @@ import pytest
 
 from grasptrack import GraspTracker
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.result import TrackResult
 from grasptrack_bench.method import chosen_grasp
@@ -194,8 +194,7 @@ def board(x: float, y: float, degrees: float = 0.0) -> tuple[np.ndarray, np.ndar
     for i, j in itertools.product(range(6), range(9)):
         if (i + j) % 2:
             big[15 + 20 * i : 35 + 20 * i, 15 + 20 * j : 35 + 20 * j] = 40
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    H = np.array([[c, -s, x], [s, c, y], [0.0, 0.0, 1.0]])
+    H = similarity_transform(1.0, math.radians(degrees), (0.0, 0.0), (x, y))
     image = cv2.warpPerspective(big, H, (640, 480), flags=cv2.INTER_LINEAR, borderValue=190)
     noise = np.random.default_rng(round(x + 7 * y)).normal(0.0, 1.5, image.shape)
     return np.clip(np.rint(cv2.GaussianBlur(image, (0, 0), 0.7) + noise), 0, 255).astype(np.uint8), H
