@@ -22,6 +22,7 @@ from grasptrack.grasp.force_closure import analyze
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack_bench.simulation import SHAPES
 from research.studies.closure_probability import closes_after, closes_at, sample_covariances
+from research.studies.common import outline_of
 
 SIZE, FRICTION = 175.0, 0.5
 TILTED = np.array([[0.9, 0.2, 10.0], [-0.15, 1.1, 5.0], [3e-4, -2e-4, 1.0]])
@@ -30,13 +31,7 @@ NAMES = ("bracket", "hook", "gear", "gasket", "blob")
 
 @lru_cache
 def part(name: str) -> View:
-    shape = SHAPES[name]()
-    contours = []
-    for i, polygon in enumerate([shape.outer, *shape.holes]):
-        points = np.ascontiguousarray(np.asarray(polygon) * SIZE + (320.0, 240.0))
-        length = float(np.hypot(*(np.roll(points, -1, axis=0) - points).T).sum())
-        contours.append(Contour(kernels.resample(points, max(24, round(length)), 0.0), hole=i > 0))
-    return View(contours)
+    return outline_of(polygon * SIZE + (320.0, 240.0) for polygon in SHAPES[name]().polygons)
 
 
 @lru_cache

@@ -14,6 +14,7 @@ from grasptrack.grasp.synthesis import synthesize
 from grasptrack.tracking.image_pair import REGISTRATION, transfer_between_images
 from grasptrack.transfer import STRATEGIES
 from grasptrack_bench.simulation import SHAPES, Conditions, Path, Pinhole, Scene
+from grasptrack_bench.simulation.coverage import subdivide_polygon
 from grasptrack_bench.simulation.textures import blank_texture
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 from test_matching import seen
@@ -98,11 +99,7 @@ def printed(outline, seed=0, size=(360, 480), blots=30.0):
     inside = np.zeros(size, np.uint8)
     cv2.fillPoly(inside, [np.rint(outline + MIDDLE).astype(np.int32)], 1)
     image += blots * noise / noise.std() * cv2.erode(inside, np.ones((13, 13), np.uint8))
-    ahead = np.roll(outline, -1, axis=0) - outline
-    fine = np.concatenate(
-        [a + np.linspace(0, 1, 60, endpoint=False)[:, None] * b for a, b in zip(outline, ahead, strict=True)]
-    )
-    return image, View(Contour(fine + MIDDLE))
+    return image, View(Contour(subdivide_polygon(outline, 2.0) + MIDDLE))
 
 
 def moved(image, H, seed):

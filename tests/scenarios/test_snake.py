@@ -20,6 +20,7 @@ from grasptrack.snake.active_contour import Snake, SnakeFit
 from grasptrack.snake.shape_space import Shape
 from grasptrack.transfer import rrp
 from grasptrack.typing import Floats
+from grasptrack_bench.simulation.coverage import subdivide_polygon
 
 SIZE = (640, 480)
 FINE = 4
@@ -30,17 +31,9 @@ def part() -> View:
     corners = np.array(
         [[230, 170], [400, 160], [430, 240], [385, 262], [420, 300], [400, 330], [250, 325], [215, 260]], dtype=float
     )
-    outer = Contour(dense(corners))
+    outer = Contour(subdivide_polygon(corners, 1.5))
     t = np.arange(60) * (2 * math.pi / 60)
     return View([outer, Contour(np.column_stack([300 + 28 * np.cos(t), 245 + 22 * np.sin(t)]), hole=True)])
-
-
-def dense(corners: Floats, step: float = 1.5) -> Floats:
-    pieces = []
-    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        along = np.linspace(0, 1, int(math.dist(a, b) / step), endpoint=False)
-        pieces.append(a + along[:, None] * (b - a))
-    return np.concatenate(pieces)
 
 
 PART = part()
