@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_548,
     "research": 8_789,
     "native": 6_893,
-    "tests": 39_279,
+    "tests": 39_271,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 193
