@@ -158,7 +158,7 @@ def parts_from_photos(spec: str | os.PathLike[str], masks: str | os.PathLike[str
     """
     of = {path.stem: path for path in open_masks(masks)}
     parts = []
-    for path in _image_paths(spec):
+    for path in images_in(Path(spec)) if Path(spec).is_dir() else images_matching(os.fspath(spec)):
         if path.stem not in of:
             raise InputError(
                 f'masks "{masks}": none for photo "{path.name}"; give one of the same name', path=str(path)
@@ -171,10 +171,6 @@ def parts_from_photos(spec: str | os.PathLike[str], masks: str | os.PathLike[str
         except ValueError as error:
             raise InputError(f'the mask of "{path.name}" shows no object: {error}', path=str(path)) from error
     return _check_distinct_names(parts, spec)
-
-
-def _image_paths(spec: str | os.PathLike[str]) -> list[Path]:
-    return images_in(Path(spec)) if Path(spec).is_dir() else images_matching(os.fspath(spec))
 
 
 def _check_distinct_names(parts: list[Part], spec: object) -> list[Part]:

@@ -194,11 +194,6 @@ def followed_or_none(case: SceneCase | RealCase) -> Followed | None:
     return found if len(found.off) else None
 
 
-def track_cases(cases: Sequence[SceneCase | RealCase], workers: int) -> list[Followed]:
-    """All sequences that tell something."""
-    return [found for found in common.run_all(followed_or_none, cases, workers) if found is not None]
-
-
 def main() -> None:
     """Fit, write, show."""
     parser = common.create_parser(__doc__)
@@ -228,7 +223,8 @@ def main() -> None:
         scenes = make_scene_cases(
             built_in(parts.split(",")), asked.disturbances.split(","), frames=asked.frames, seed=seed
         )
-        return track_cases([*scenes, *real], asked.workers)
+        every: list[SceneCase | RealCase] = [*scenes, *real]
+        return [f for f in common.run_all(followed_or_none, every, asked.workers) if f is not None]
 
     fit = choose_sequences(asked.parts, asked.seed, fitted_to)
     table = [evaluate_grid(sequence) for sequence in fit]

@@ -78,15 +78,14 @@ class Photo:
 
 
 def parse_with_photos(parser: argparse.ArgumentParser) -> tuple[argparse.Namespace, list[Photo]]:
-    """The options, and the photos that `tools/index.csv` lists, in its order; with `--only`, those whose names contain it."""
+    """The options, and the photos that `tools/index.csv` lists, in its order."""
     parser.add_argument("--data", type=Path, default=data_folder(), help="folder with tools/")
-    parser.add_argument("--only", metavar="NAME", help="photos whose names contain this")
     args, photos = parser.parse_args(), []
     folder = args.data / "tools"
     if not (folder / "index.csv").is_file():
         raise SystemExit(f"no tools/index.csv in {args.data}: give --data or set GRASPTRACK_DATA")
     with (folder / "index.csv").open(newline="", encoding="utf-8") as file:
-        listed = [row for row in csv.DictReader(file) if args.only is None or args.only in row["name"]]
+        listed = list(csv.DictReader(file))
     for row in listed:
         name = row["name"]
         image = cv2.imread(str(folder / "images" / f"{name}.jpg"), cv2.IMREAD_COLOR)
@@ -96,7 +95,7 @@ def parse_with_photos(parser: argparse.ArgumentParser) -> tuple[argparse.Namespa
         kind = row.get("classes", name)
         photos.append(Photo(name, kind, row["scene"], np.asarray(image, np.uint8), np.asarray(mask) > 0))
     if not photos:
-        raise SystemExit(f'no photo has "{args.only}" in its name')
+        raise SystemExit(f"tools/index.csv in {args.data} lists no photo")
     return args, photos
 
 

@@ -18,7 +18,7 @@ from grasptrack import kernels
 from grasptrack.demo.run import accept_limit
 from grasptrack.errors import AmbiguousError, GraspTrackError
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography
+from grasptrack.geometry.homographies import apply_homography, rotation_about_z, similarity_transform
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.kernels.results import AlignmentSteps
 from grasptrack.matching import Sampled, judge_hypotheses, match_outlines
@@ -97,15 +97,9 @@ def second_alignments(shape: Shape) -> list[Floats]:
     scale = 400.0
     a = Sampled(noisy_outline(shape, np.diag([scale, scale, 1.0]), np.random.default_rng(0), 0.0))
     _, x, y, theta, major, minor, *_ = kernels.polygon_moments(a.outer, np.array([0, len(a.outer)]))
-    c, s = math.cos(theta), math.sin(theta)
-    to = np.array([[c, s], [-s, c]]) / np.sqrt([[major], [minor]])
-    starts = []
-    for turn in 2.0 * math.pi * np.arange(1, 72) / 72:
-        c, s = math.cos(turn), math.sin(turn)
-        A = np.eye(3)
-        A[:2, :2] = np.linalg.inv(to) @ np.array([[c, -s], [s, c]]) @ to
-        A[:2, 2] = np.array([x, y]) - A[:2, :2] @ [x, y]
-        starts.append(A.ravel())
+    white = np.diag([major**-0.5, minor**-0.5, 1.0]) @ similarity_transform(1.0, -theta, (x, y), (0.0, 0.0))
+    turns = (rotation_about_z(turn) for turn in 2.0 * math.pi * np.arange(1, 72) / 72)
+    starts = [(np.linalg.inv(white) @ turn @ white).ravel() for turn in turns]
     own = a.points, a.normals, a.points, a.normals, a.offsets
     reaches, damping = np.array([0.3, 0.2, 0.15] + [0.1] * 5), np.array([1e-3] * 4 + [1e-4] * 4)
     coarse = kernels.align_projective(

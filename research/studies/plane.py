@@ -39,7 +39,6 @@ class TiltCase(NamedTuple):
     tilt: int
     way: int
     seed: int
-    friction: float = FRICTION
 
     def scene(self) -> Scene:
         """The camera leans at first, comes over the part and closer, and rolls by 30 degrees."""
@@ -80,17 +79,17 @@ class Told(NamedTuple):
     margin_first: float
 
 
-def in_plane(scene: Scene, contacts: NDArray[np.float64], friction: float = FRICTION) -> float:
+def in_plane(scene: Scene, contacts: NDArray[np.float64]) -> float:
     """rad, the margin of contacts (k, 2) px of the first image on the true outline, in the table's own plane."""
     back = np.linalg.inv(scene.path.table_to_image(scene.camera)[0])
     polygons = [UNIT * apply_homography(back, p) for p in scene[0].outline]
     outline = View([Contour.trusted(sample_outline([p], 1.0)[0], hole=i > 0) for i, p in enumerate(polygons)])
-    return analyze(gt.Grasp(UNIT * apply_homography(back, contacts)), outline, friction).margin
+    return analyze(gt.Grasp(UNIT * apply_homography(back, contacts)), outline, FRICTION).margin
 
 
 def track_case(case: TiltCase) -> list[Told]:
     """Located frames after the first; empty where the first view has no grasp on the part."""
-    scene, tracker = case.scene(), gt.GraspTracker(friction=case.friction)
+    scene, tracker = case.scene(), gt.GraspTracker(friction=FRICTION)
     told: list[Told] = []
     true = first = math.nan
     for frame in scene:
@@ -99,7 +98,7 @@ def track_case(case: TiltCase) -> list[Told]:
             if result.contacts is None or result.analysis is None:
                 return []
             try:
-                true, first = in_plane(scene, result.contacts, case.friction), result.analysis.margin
+                true, first = in_plane(scene, result.contacts), result.analysis.margin
             except gt.GraspError:  # it took something else
                 return []
             continue
@@ -161,13 +160,10 @@ def main() -> None:
     parser.add_argument("--parts", default=PARTS)
     parser.add_argument("--tilts", default=",".join(map(str, TILTS)), help="degrees")
     parser.add_argument("--seed", type=int, default=100)
-    parser.add_argument("--friction", type=float, default=FRICTION)
     parser.add_argument("--workers", type=int, default=1)
     asked = parser.parse_args()
     names, asked_tilts = asked.parts.split(","), tuple(int(t) for t in asked.tilts.split(","))
-    cases = [
-        TiltCase(*c, asked.seed, asked.friction) for c in itertools.product(names, asked_tilts, range(len(AZIMUTHS)))
-    ]
+    cases = [TiltCase(*c, asked.seed) for c in itertools.product(names, asked_tilts, range(len(AZIMUTHS)))]
     common.begin_section("The object's own plane")
     told = dict(zip(cases, common.run_all(track_case, cases, asked.workers), strict=True))
     common.add_paragraph(f"{len(names)} parts, {sum(bool(f) for f in told.values())} approaches, degrees.")

@@ -203,14 +203,12 @@ def main() -> None:
     """Run and print."""
     parser = common.create_parser(__doc__)
     parser.add_argument("--pictures", type=Path, help="folder for pictures of what ours did not find")
-    parser.add_argument("--method", choices=list(METHODS), help="this one alone")
     args, photos = common.parse_with_photos(parser)
     common.begin_section("Segmentation: photos of one tool each against their masks")
-    methods = [args.method] if args.method else list(METHODS)
-    for method in methods:
-        METHODS[method](photos[0].image, None)  # what is loaded on first use is no part of what is timed
+    for segment in METHODS.values():
+        segment(photos[0].image, None)  # what is loaded on first use is no part of what is timed
     rows = [
-        judge_method(p, m, p.deepest() if hint else None) for m in methods for hint in (False, True) for p in photos
+        judge_method(p, m, p.deepest() if hint else None) for m in METHODS for hint in (False, True) for p in photos
     ]
     show_scores(photos, rows)
     if args.pictures is not None:

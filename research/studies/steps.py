@@ -32,6 +32,7 @@ from grasptrack_bench.metrics.score import Score
 from grasptrack_bench.simulation import SHAPES, Pinhole, SceneFrame, bracket_scene, tilting_path
 from research.studies import common
 from research.studies.loop import strategy_maker
+from research.studies.transfers import add_noise
 
 LENGTHS = (100, 300, 1000, 3000, 10000, 30000)
 TRANSFERS = {"RRP": "rrp", "grasp line": "grasp-line", "homography": "homography"}
@@ -98,12 +99,8 @@ def noisy_views(count: int, calls: int) -> StepViews:
     rng = np.random.default_rng(count)
     plain = kernels.resample(np.ascontiguousarray(SHAPES["bracket"]().outer), count, 0.0)
     path = tilting_path(calls + 1, tilt=0.12, reach=0.2, zoom=0.08, turn=0.25, distance=4.4, seed=5)
-    projected = []
-    smooth = np.fft.rfftfreq(count) < 40.0 / count
     matrices = list(path.table_to_image(Pinhole()))
-    for H in matrices:
-        noise = np.fft.irfft(np.fft.rfft(rng.normal(0.0, 1.0, (count, 2)), axis=0) * smooth[:, None], count, axis=0)
-        projected.append(np.asarray(gt.Contour(plain).transformed(H).points + 0.05 * noise / noise.std()))
+    projected = [add_noise(gt.Contour(plain).transformed(H).points, 0.05, rng) for H in matrices]
     back = np.linalg.inv(matrices[0])
     return StepViews(projected[0], projected[1:], [H @ back for H in matrices[1:]])
 
@@ -374,12 +371,9 @@ def main() -> None:
         "--updates", type=int, default=120, help="images of each step at 640x480; fewer at larger sizes"
     )
     parser.add_argument("--largest", type=int, default=len(SIZES), help="lengths and sizes, counted from the smallest")
-    parser.add_argument("--only", choices=("outline", "image"), help="one half of it")
     args = parser.parse_args()
-    if args.only != "image":
-        show_outlines(args.calls, LENGTHS if args.largest >= len(SIZES) else LENGTHS[: args.largest])
-    if args.only != "outline":
-        show_images(args.updates, SIZES[: args.largest])
+    show_outlines(args.calls, LENGTHS if args.largest >= len(SIZES) else LENGTHS[: args.largest])
+    show_images(args.updates, SIZES[: args.largest])
     common.write_sections(args.output)
 
 

@@ -405,15 +405,11 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=2000, help="calls that are timed")
     parser.add_argument("--seed", type=int, default=1, help="of the first outline")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--only", choices=("pairs", "turned", "times"), help="one part of it")
     args = parser.parse_args()
-    if args.only in (None, "pairs"):
-        for points in args.points:
-            show_pairs(args.pairs, points, args.seed, args.workers)
-    if args.only in (None, "turned"):
-        show_turned(args.pairs, args.seed, args.workers)
-    if args.only in (None, "times"):
-        show_times(args.calls, args.seed)
+    for points in args.points:
+        show_pairs(args.pairs, points, args.seed, args.workers)
+    show_turned(args.pairs, args.seed, args.workers)
+    show_times(args.calls, args.seed)
     common.write_sections(args.output)
 
 

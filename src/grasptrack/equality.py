@@ -49,7 +49,7 @@ def compared_by_value(cls: Class) -> Class:
 
     _set_method(cls, "__eq__", equals)
     _set_method(cls, "__ne__", differs)  # a tuple has one of its own, which would be found first
-    _set_method(cls, "__hash__", _hash_value)
+    _set_method(cls, "__hash__", lambda self: hash(_hashable_key(self)))
     return cls
 
 
@@ -104,12 +104,8 @@ def _slots_of(cls: type) -> tuple[str, ...]:
     return (slots,) if isinstance(slots, str) else tuple(slots)
 
 
-def _hash_value(value: object) -> int:
-    """The same for equal values."""
-    return hash(_hashable_key(value))
-
-
 def _hashable_key(value: object) -> object:
+    """The same for equal values."""
     if isinstance(value, np.ndarray):
         numbers = value.astype(np.float64) if value.dtype.kind in "biuf" else np.zeros(0)
         return value.shape, (np.nan_to_num(numbers) + 0.0).tobytes()  # -0 is 0

@@ -38,12 +38,11 @@ def modules() -> dict[str, Module]:
     return found
 
 
-def imported(module: Module, everywhere: bool = False) -> set[str]:
-    """Modules of the tree that one imports where it is loaded or typed; `everywhere`: within functions too."""
-    nodes = ast.walk(module.tree) if everywhere else outside_functions(module.tree)
+def imported(module: Module) -> set[str]:
+    """Modules of the tree that one imports where it is loaded or typed, and within functions."""
     package = module.name if module.path.name == "__init__.py" else module.name.rpartition(".")[0]
     found: set[str] = set()
-    for node in nodes:
+    for node in ast.walk(module.tree):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -53,17 +52,6 @@ def imported(module: Module, everywhere: bool = False) -> set[str]:
                 inner = f"{origin}.{alias.name}"
                 found.add(inner if inner in modules() else origin)
     return {name for name in found if name.partition(".")[0] in PACKAGES} - {module.name}
-
-
-def outside_functions(tree: ast.AST) -> list[ast.AST]:
-    """Nodes that are met when a module is loaded or read by a type checker."""
-    found, waiting = [], [tree]
-    while waiting:
-        node = waiting.pop()
-        found.append(node)
-        if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
-            waiting.extend(ast.iter_child_nodes(node))
-    return found
 
 
 def circles(edges: dict[str, set[str]]) -> list[list[str]]:

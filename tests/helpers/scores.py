@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scored frames made up at random, of every kind there can be; and tables of homographies as users would write them."""
+"""Scored frames, made up at random or of a scene; and tables of homographies as users would write them."""
 
 import csv
 import math
@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from grasptrack_bench.metrics.score import FrameScore
+from grasptrack_bench.scenes import built_in, make_scene_cases, run_case
 
 
 def frame(
@@ -60,6 +61,14 @@ def random_run(rng: np.random.Generator, frames: int = 60) -> list[FrameScore]:
             )
         )
     return run
+
+
+def never_wrong(shape: str, disturbance: str, repeat: int = 0, **scenes: int) -> list[FrameScore]:
+    """What `auto` makes of a rendered scene, one of its repeats, in which no contacts are wrong."""
+    case = make_scene_cases(built_in([shape]), [disturbance], repeats=repeat + 1, **scenes)[repeat]
+    frames = run_case((case, ("auto",)))["auto"]
+    assert [f.frame for f in frames if f.is_false_accept] == []
+    return frames
 
 
 def write_homographies(path: Path, table: Mapping[int, np.ndarray]) -> None:

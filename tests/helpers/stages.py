@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack import GraspTracker
-from grasptrack.geometry.homographies import apply_homography
+from grasptrack.geometry.homographies import apply_homography, rotation_about_z
 from grasptrack.tracking.result import TrackResult
 from grasptrack_bench.simulation import (
     SHAPES,
@@ -35,14 +35,9 @@ def pose(
     x: float = 160.0, y: float = 120.0, degrees: float = 0.0, scale: float = SCALE, tilt: float = 0.0
 ) -> np.ndarray:
     """(3, 3) from table units to px: the part's centroid at (x, y), turned, and tilted by degrees about a slanted axis."""
-
-    def about_z(angle: float) -> np.ndarray:
-        c, s = math.cos(angle), math.sin(angle)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
     c, s, f = math.cos(math.radians(tilt)), math.sin(math.radians(tilt)), 350.0
-    lean = about_z(0.6) @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ about_z(-0.6)
-    R = lean @ about_z(math.radians(degrees))
+    lean = rotation_about_z(0.6) @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ rotation_about_z(-0.6)
+    R = lean @ rotation_about_z(math.radians(degrees))
     H = np.array([[f, 0, x], [0, f, y], [0, 0, 1.0]]) @ np.column_stack([R[:, 0], R[:, 1], [0, 0, f / scale]])
     return H / H[2, 2]
 

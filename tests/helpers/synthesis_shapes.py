@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes with walls, holes and notches, for the tests of synthesis."""
 
+import itertools
+
 import cv2
 import numpy as np
 
@@ -58,3 +60,9 @@ def material(view, points):
     outlines = [c.points.astype(np.float32) for c in view.contours]
     inside = [[cv2.pointPolygonTest(o, (float(x), float(y)), True) for x, y in points] for o in outlines]
     return np.min([np.array(d) if i == 0 else -np.array(d) for i, d in enumerate(inside)], axis=0)
+
+
+def near(one, other, gap):
+    """Whether the contacts of two grasps lie within a gap, in some order."""
+    orders = itertools.permutations(range(len(one)))
+    return any((np.hypot(*(one - other[list(o)]).T) <= gap).all() for o in orders)

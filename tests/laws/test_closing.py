@@ -14,14 +14,15 @@ from scipy.stats import multivariate_normal
 from grasptrack import kernels
 from grasptrack.errors import ConditioningError, GraspError, InputError
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography, homography_jacobian
+from grasptrack.geometry.homographies import apply_homography, homography_jacobian, similarity_transform
 from grasptrack.grasp.closure_probability import ClosureCheck, chance_of_closing, in_box
 from grasptrack.grasp.contact_regions import Regions, epsilon_quality, regions_of
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack_bench.simulation import SHAPES
-from research.studies.closure_probability import closes_after, closes_at
+from research.studies.closure_probability import closes_after, closes_at, sample_covariances
+from research.studies.common import outline_of
 
 SIZE, FRICTION = 175.0, 0.5
 TILTED = np.array([[0.9, 0.2, 10.0], [-0.15, 1.1, 5.0], [3e-4, -2e-4, 1.0]])
@@ -30,13 +31,7 @@ NAMES = ("bracket", "hook", "gear", "gasket", "blob")
 
 @lru_cache
 def part(name: str) -> View:
-    shape = SHAPES[name]()
-    contours = []
-    for i, polygon in enumerate([shape.outer, *shape.holes]):
-        points = np.ascontiguousarray(np.asarray(polygon) * SIZE + (320.0, 240.0))
-        length = float(np.hypot(*(np.roll(points, -1, axis=0) - points).T).sum())
-        contours.append(Contour(kernels.resample(points, max(24, round(length)), 0.0), hole=i > 0))
-    return View(contours)
+    return outline_of(polygon * SIZE + (320.0, 240.0) for polygon in SHAPES[name]().polygons)
 
 
 @lru_cache
@@ -98,8 +93,7 @@ def test_no_contact_may_slip_to_where_the_object_is_cut() -> None:
 @given(st.floats(-3.0, 3.0), st.floats(0.3, 3.0), st.floats(-100.0, 100.0))
 def test_regions_turn_and_grow_with_the_part(angle: float, scale: float, shift: float) -> None:
     view, grasp, regions = chosen("bracket", 2)
-    c, s = scale * math.cos(angle), scale * math.sin(angle)
-    H = np.array([[c, -s, shift], [s, c, -shift], [0.0, 0.0, 1.0]])
+    H = similarity_transform(scale, angle, (0.0, 0.0), (shift, -shift))
     moved = View([contour.transformed(H) for contour in view.contours])
     there = regions_of(Grasp(apply_homography(H, grasp.contacts)), moved, FRICTION)
     assert np.allclose(there.back, scale * regions.back, rtol=0.08, atol=0.01 * scale * SIZE)
@@ -119,13 +113,6 @@ def test_the_depth_of_a_hull_is_the_kernels_epsilon() -> None:
         assert epsilon_quality(w[None])[0] == pytest.approx(epsilon, abs=1e-9)
 
 
-def errors(rng: np.random.Generator, fingers: int, sigma: float) -> np.ndarray:
-    """(k, 2, 2) px^2, of any direction and form, of a mean variance of sigma^2."""
-    A = rng.normal(size=(fingers, 2, 2))
-    C = A @ np.swapaxes(A, 1, 2)
-    return np.asarray(C * (2.0 * sigma**2 / np.trace(C, axis1=1, axis2=2))[:, None, None])
-
-
 @pytest.mark.parametrize("fingers", [2, 3])
 @pytest.mark.parametrize("name", NAMES)
 def test_the_chance_is_at_most_that_of_the_definition(name: str, fingers: int) -> None:
@@ -133,7 +120,7 @@ def test_the_chance_is_at_most_that_of_the_definition(name: str, fingers: int) -
     rng, n = np.random.default_rng(2), 600
     current = apply_homography(TILTED, regions.contacts)
     for sigma in (1.0, 6.0):
-        C = errors(rng, fingers, sigma)
+        C = sample_covariances(rng, fingers, sigma)
         chance = chance_of_closing(regions, C, TILTED)
         drawn = np.stack([rng.multivariate_normal(c, v, n) for c, v in zip(current, C, strict=True)], axis=1)
         back = apply_homography(np.linalg.inv(TILTED), drawn.reshape(-1, 2)).reshape(n, fingers, 2)
@@ -163,7 +150,7 @@ def test_more_error_means_less_chance(sigma: float, more: float) -> None:
 @given(st.integers(0, 99), st.floats(0.2, 8.0))
 def test_it_does_not_matter_in_which_view_it_is_told(seed: int, sigma: float) -> None:
     regions = chosen("hook", 2)[2]
-    C = errors(np.random.default_rng(seed), 2, sigma)
+    C = sample_covariances(np.random.default_rng(seed), 2, sigma)
     J = np.array([np.array(homography_jacobian(TILTED, x, y)).reshape(2, 2) for x, y in regions.contacts.tolist()])
     assert chance_of_closing(regions, J @ C @ np.swapaxes(J, 1, 2), TILTED) == pytest.approx(
         chance_of_closing(regions, C), abs=1e-9
@@ -173,7 +160,7 @@ def test_it_does_not_matter_in_which_view_it_is_told(seed: int, sigma: float) ->
 @given(st.integers(0, 99), st.floats(0.2, 8.0), st.sampled_from([2, 3]))
 def test_a_joint_covariance_of_independent_contacts_is_their_own(seed: int, sigma: float, fingers: int) -> None:
     regions = chosen("hook", fingers)[2]
-    C = errors(np.random.default_rng(seed), fingers, sigma)
+    C = sample_covariances(np.random.default_rng(seed), fingers, sigma)
     joint = np.zeros((2 * fingers, 2 * fingers))
     for i in range(fingers):
         joint[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = C[i]

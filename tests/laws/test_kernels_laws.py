@@ -30,10 +30,6 @@ def mapped(H, points):
     return np.ascontiguousarray(points @ H[:2, :2].T + H[:2, 2])
 
 
-def scale_and_turn(H):
-    return math.hypot(H[0, 0], H[1, 0]), math.atan2(H[1, 0], H[0, 0])
-
-
 def test_known_shapes():
     area, cx, cy, theta, major, minor, *third = kernels.polygon_moments(np.array([10, 5]) + RECTANGLE, whole(RECTANGLE))
     np.testing.assert_allclose([area, cx, cy, theta, major, minor], [8, 12, 6, 0, 16 / 12, 4 / 12], atol=1e-12)
@@ -66,7 +62,7 @@ def test_lines_touch_and_cross():
 
 @given(stars(), similarities(), st.integers(1, 200))
 def test_similarity_and_first_point(points, H, start):
-    scale, turn = scale_and_turn(H)
+    scale, turn = math.hypot(H[0, 0], H[1, 0]), math.atan2(H[1, 0], H[0, 0])
     moved = np.roll(mapped(H, points), -start, axis=0)
     n = len(points)
     start %= n

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography, similarity_transform
+from grasptrack.geometry.homographies import apply_homography, rotation_about_z, similarity_transform
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
 from grasptrack.servo import Goal
@@ -106,8 +106,7 @@ def test_the_goal_takes_each_of_three_fingers_for_the_nearest_contact() -> None:
     seen = camera.project(tips)
     goal = Goal.fingertips(seen, float(np.linalg.norm(tips[0] - tips[1])))
     for turn in np.radians([0.0, 40.0, 100.0, 170.0, -130.0]):
-        c, s = math.cos(turn), math.sin(turn)
-        contacts = 0.7 * tips @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        contacts = 0.7 * tips @ rotation_about_z(turn).T
         orders = goal.orders(camera, contacts)
         assert len(orders) == 3
         least = (turn + math.pi / 3.0) % (2.0 * math.pi / 3.0) - math.pi / 3.0

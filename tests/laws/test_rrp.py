@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from grasptrack.errors import StrategyError
 from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer import rrp
 
@@ -22,8 +23,8 @@ def blob(seed: int, n: int = 120) -> Contour:
 
 
 def similar(contour: Contour, scale: float, angle: float, x: float, y: float) -> Contour:
-    c, s = scale * math.cos(angle), scale * math.sin(angle)
-    return Contour(contour.points @ np.array(((c, s), (-s, c))) + (x, y), hole=contour.hole)
+    H = similarity_transform(scale, angle, (0.0, 0.0), (x, y))
+    return Contour(apply_homography(H, contour.points), hole=contour.hole)
 
 
 poses = st.tuples(st.floats(0.2, 5.0), st.floats(-math.pi, math.pi), st.floats(-400, 400), st.floats(-400, 400))
@@ -43,8 +44,7 @@ def test_exact_under_similarities(seed: int, pose: tuple[float, float, float, fl
     grasp = grasp_at(reference, positions)
     current = similar(reference, *pose)
     carried = rrp.apply(rrp.describe(grasp, reference), current).grasp
-    c, s = pose[0] * math.cos(pose[1]), pose[0] * math.sin(pose[1])
-    truth = grasp.contacts @ np.array(((c, s), (-s, c))) + pose[2:]
+    truth = apply_homography(similarity_transform(*pose[:2], (0.0, 0.0), pose[2:]), grasp.contacts)
     assert np.abs(carried.contacts - truth).max() <= 1e-6 * math.sqrt(current.area)
 
 

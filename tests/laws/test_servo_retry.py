@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 import grasptrack as gt
-from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography, similarity_transform
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.servo.first_estimate import TiltCheck, TiltEstimate
 from grasptrack.servo.observation import Observation
 from grasptrack.tracking.numbers import NUMBERS
@@ -23,8 +22,8 @@ from grasptrack_bench.approach.trial import KNOWN
 from grasptrack_bench.approach.truth import on_part, record_closing_errors
 from grasptrack_bench.physics.gripper import BESIDE, MAX_OPENING
 from grasptrack_bench.simulation import SHAPES
-from grasptrack_bench.simulation.coverage import subdivide_polygon
 from servo_bench import Bench
+from test_radial_grasps import SCALE, view
 
 
 @cache
@@ -123,18 +122,12 @@ def test_wrong_is_what_has_slipped_or_was_never_on_the_part() -> None:
     assert told((0.0, 0.0), chosen_off=3.0 * NUMBERS.tolerance + 0.1).right is False
 
 
-SCALE = 150.0
-
-
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("told", [1.0 - KNOWN, 1.0 + KNOWN])
 @pytest.mark.parametrize("name", ["disc", "rectangle", "guitar", "notched-plate"])
 @pytest.mark.parametrize("fingers", [2, 3])
 def test_fingers_have_room_beside_a_part_that_is_larger_than_told(name: str, fingers: int, told: float) -> None:
-    shape, placed = SHAPES[name](), similarity_transform(SCALE, 0.3, (0.0, 0.0), (320.0, 240.0))
-    outline = View([
-        Contour(apply_homography(placed, subdivide_polygon(r, 0.02)), hole=k > 0) for k, r in enumerate(shape.polygons)
-    ])  # fmt: skip
+    outline = view(SHAPES[name](), 0.3)
     for size in (0.05, 0.07, 0.095):
         grasps, _ = closing_grasps(outline, fingers, hand_for(told * size, KNOWN))
         arms = [g.contacts - g.contacts.mean(axis=0) for g in grasps]

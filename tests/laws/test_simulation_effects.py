@@ -2,7 +2,6 @@
 """Glare, rolling shutter, shake, compression, what else lies on the table, occluders that stay: each does what it says."""
 
 import math
-from copy import copy
 from dataclasses import replace
 
 import cv2
@@ -29,13 +28,6 @@ from test_simulation_disturbances import SMALL, scene
 
 SEEDS = range(2)
 PARTS = ("gasket", "half-disc", "pencil")
-
-
-def changed(made: Scene, **conditions: object) -> Scene:
-    """The same scene under other conditions."""
-    again = copy(made)
-    again.conditions = replace(made.conditions, **conditions)  # type: ignore[arg-type]
-    return again
 
 
 def shutter(made: Scene, index: int) -> RollingShutter:
@@ -75,8 +67,8 @@ def gap(a: Shape, b: Shape) -> float:
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("shape", PARTS)
 def test_a_highlight_saturates_its_ring_and_nothing_far_from_it(shape: str) -> None:
-    made = changed(scene("highlight", shape, 60, 3), noise=0.0)
-    dark = changed(made, glare=None)
+    made = scene("highlight", shape, 60, 3).with_conditions(noise=0.0)
+    dark = made.with_conditions(glare=None)
     glare = made.conditions.glare
     assert glare is not None and [glare.ring(i) for i in range(3)] == [None] * 3
     assert (made[2].image == dark[2].image).all()
@@ -167,8 +159,8 @@ def test_a_texture_goes_through_lens_and_shutter_as_the_outline_does() -> None:
 
 
 def test_no_readout_is_the_limit_of_a_short_one() -> None:
-    made = changed(scene("rolling-shutter", frames=10, size=SMALL), noise=0.0, readout=1e-9)
-    at_once = changed(made, readout=0.0)
+    made = scene("rolling-shutter", frames=10, size=SMALL).with_conditions(noise=0.0, readout=1e-9)
+    at_once = made.with_conditions(readout=0.0)
     assert np.abs(made[6].image.astype(int) - at_once[6].image).max() <= 2
     assert made[6].carry([[100.0, 90.0]]) == pytest.approx(at_once[6].carry([[100.0, 90.0]]), abs=1e-5)
 
@@ -210,8 +202,8 @@ def test_a_shaking_hand_is_fast_and_irregular_and_begins_at_rest(seed: int) -> N
 
 
 def test_a_shaken_image_is_smeared() -> None:
-    made = changed(scene("shake", frames=30, seed=1), noise=0.0)
-    sharp = changed(made, exposure=0.0)
+    made = scene("shake", frames=30, seed=1).with_conditions(noise=0.0)
+    sharp = made.with_conditions(exposure=0.0)
     middle = np.array([apply_homography(H, [[0.0, 0.0]])[0] for H in plane_to_image(made)])
     i = 1 + int(np.argmax(np.hypot(*(middle[2:] - middle[:-2]).T)))
 
@@ -225,7 +217,7 @@ def test_a_shaken_image_is_smeared() -> None:
 def test_compression_comes_last() -> None:
     made = scene("jpeg", frames=5, size=SMALL)
     assert made.conditions.noise == 8.0 and made.conditions.jpeg == 30
-    taken = changed(made, jpeg=0)[3].image
+    taken = made.with_conditions(jpeg=0)[3].image
     code = cv2.imencode(".jpg", taken, [cv2.IMWRITE_JPEG_QUALITY, 30])[1]
     assert (made[3].image == cv2.imdecode(code, cv2.IMREAD_GRAYSCALE)).all()
     assert 2.0 < (made[3].image.astype(float) - taken).std() < 15.0
@@ -233,7 +225,7 @@ def test_compression_comes_last() -> None:
 
 def test_nothing_moves_in_a_still_scene() -> None:
     made = scene("still", frames=20, size=SMALL)
-    quiet = changed(made, noise=0.0)
+    quiet = made.with_conditions(noise=0.0)
     assert all((quiet[i].image == quiet[0].image).all() for i in (5, 19))
     assert all(np.allclose(made[i].H_current_reference, np.eye(3), atol=1e-12) for i in (5, 19))
     noise = made[19].image.astype(float) - made[5].image
@@ -247,7 +239,7 @@ def test_nothing_moves_in_a_still_scene() -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_gravel_is_strong_and_its_pebbles_are_as_large_as_said(seed: int) -> None:
     made, plain = scene("gravel", seed=seed), scene("clean-4dof", seed=seed)
-    image = changed(made, noise=0.0, vignette=0.0)[0].image.astype(float)
+    image = made.with_conditions(noise=0.0, vignette=0.0)[0].image.astype(float)
     corner = image[:110, :200]
     contrast = abs(float(plain.surface.grey.image.mean()) - float(plain.table.grey.image.mean()))
     assert 0.2 * contrast < corner.std() < 0.6 * contrast
@@ -282,7 +274,7 @@ def gap_inside(inner: np.ndarray, outer: np.ndarray) -> float:
 
 def test_a_sheet_goes_with_the_part() -> None:
     seed = next(k for k in range(12) if np.any(scene("sheet", frames=4, seed=k).slide))
-    made = changed(scene("sheet", frames=30, seed=seed), noise=0.0, drift=0.0, vignette=0.0)
+    made = scene("sheet", frames=30, seed=seed).with_conditions(noise=0.0, drift=0.0, vignette=0.0)
     (sheet,) = made.distractors
     level = float(sheet.surface.image.mean()) if sheet.surface is not None else -1.0
     paper = [
@@ -313,7 +305,7 @@ def test_equal_parts_lie_beside_it_from_the_first_frame_on(shape: str) -> None:
 
 
 def test_an_equal_part_looks_the_same() -> None:
-    made = changed(scene("equals", frames=4, seed=1), noise=0.0, vignette=0.0)
+    made = scene("equals", frames=4, seed=1).with_conditions(noise=0.0, vignette=0.0)
     image, H = made[0].image.astype(float), plane_to_image(made)[0]
     inner = 0.7 * made.shape.samples(200)
     inner = inner[inside_polygons(made.shape.polygons, inner)]

@@ -19,7 +19,7 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
 from grasptrack.grasp.synthesis import synthesize
 from outlines import BRACKET, blobs, dense, similarities, stars
-from synthesis_shapes import BAR, FRAME, NOTCHED, RING, SHAPES, circle, material
+from synthesis_shapes import BAR, FRAME, NOTCHED, RING, SHAPES, circle, material, near
 
 OUTLINES = st.one_of(
     stars().map(Contour), blobs().map(Contour), st.sampled_from(sorted(SHAPES)).map(lambda name: SHAPES[name])
@@ -125,12 +125,6 @@ def test_neighbours_only_remove(outline, fingers, seed):
         if all(cv2_apart(neighbours[0].points, finger) for finger in grasp.swept):
             better = [g for g in crowded if g.quality >= grasp.quality]
             assert any(near(g.contacts, grasp.contacts, gap) for g in better)
-
-
-def near(one, other, gap):
-    """Whether the contacts of two grasps lie within a gap, in some order."""
-    orders = itertools.permutations(range(len(one)))
-    return any((np.hypot(*(one - other[list(o)]).T) <= gap).all() for o in orders)
 
 
 def cv2_apart(polygon, rectangle):
@@ -281,11 +275,6 @@ def test_a_finger_has_a_width():
     for width in (0.0, -1.0, np.nan):
         with pytest.raises(InputError, match="finger_width"):
             synthesize(Contour(dense(BRACKET)), finger_width=width)
-
-
-def test_none_where_none_holds():
-    wedge = Contour(dense([[0, 0], [300, 100], [0, 200]], 300))
-    assert synthesize(wedge, friction=0.02) == []
 
 
 def test_no_finger_where_the_border_cuts():

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wide edges and noise: what the core measures of them in the first view, and what it learns of focus later."""
 
-import itertools
 import math
 
 import numpy as np
@@ -9,12 +8,14 @@ import pytest
 
 from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.target import Target, build_pyramid
 from grasptrack_bench.simulation import SHAPES, Conditions, Scene, similarity_path
+from grasptrack_bench.simulation.coverage import subdivide_polygon
 from scenery import L_PLATE, drawn
 
 CONTACTS = np.array([[-20.0, 25.0], [-70.0, 25.0]])
@@ -25,14 +26,11 @@ STEP = 8.0
 
 def placed(points: np.ndarray, centre: tuple[float, float] = (160.0, 120.0), angle: float = TURN) -> np.ndarray:
     """(n, 2) px of points of the plate, as `drawn` places them."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.asarray(points @ np.array([[c, s], [-s, c]]) + centre)
+    return apply_homography(similarity_transform(1.0, angle, (0.0, 0.0), centre), points)
 
 
 def outline(centre: tuple[float, float] = (160.0, 120.0)) -> View:
-    corners = np.vstack([placed(L_PLATE, centre), placed(L_PLATE, centre)[:1]])
-    sides = [np.linspace(a, b, math.ceil(math.dist(a, b)), endpoint=False) for a, b in itertools.pairwise(corners)]
-    return View(Contour(np.vstack(sides)))
+    return View(Contour(subdivide_polygon(placed(L_PLATE, centre), 1.0)))
 
 
 def target(centre: tuple[float, float] = (160.0, 120.0), **look: float) -> Target:

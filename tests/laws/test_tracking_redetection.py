@@ -16,6 +16,7 @@ from grasptrack.tracking.pose import Hypothesis, max_contact_distance
 from grasptrack.tracking.redetection import MATCHED, MAX_SOLVED, MAX_WAYS, Keypoints, wide_prior
 from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.simulation import SHAPES, Shape
+from grasptrack_bench.simulation.coverage import subdivide_polygon
 from stages import HEIGHT, WIDTH, bar, photo, pose
 
 FIRST = pose(160.0, 120.0, -40.0)
@@ -39,21 +40,18 @@ class Begun(NamedTuple):
 
 
 def outline(points: np.ndarray, hole: bool = False) -> Contour:
-    ahead = np.roll(points, -1, axis=0) - points
-    count = np.maximum(1, np.round(np.hypot(*ahead.T))).astype(int)
-    pieces = [a + np.arange(n)[:, None] / n * d for a, d, n in zip(points, ahead, count, strict=True)]
-    return Contour(np.concatenate(pieces), hole=hole)
+    return Contour(subdivide_polygon(points, 1.0), hole=hole)
 
 
-def begun(name: str) -> Begun:
-    """Seen three times."""
+def begun(name: str, at: np.ndarray = FIRST, again: int = 2) -> Begun:
+    """Seen once, and so many times again."""
     shape = SHAPES[name]()
-    rings = [apply_homography(FIRST, p) for p in shape.polygons]
+    rings = [apply_homography(at, p) for p in shape.polygons]
     contacts = shape.outer[[0, len(shape.outer) // 2]]
     view = View([outline(p, k > 0) for k, p in enumerate(rings)])
-    follower = Follower(photo([(shape, FIRST)]), view, apply_homography(FIRST, contacts))
-    for k in range(2):
-        assert follower.update(photo([(shape, FIRST)], seed=k)).is_accepted
+    follower = Follower(photo([(shape, at)]), view, apply_homography(at, contacts))
+    for k in range(again):
+        assert follower.update(photo([(shape, at)], seed=k)).is_accepted
     return Begun(follower, shape, contacts)
 
 
@@ -172,15 +170,13 @@ def test_what_moves_on_evenly_is_found_on_its_way(seed: int) -> None:
 
 @pytest.mark.parametrize("name", ["hex-nut", "star"])
 def test_motion_tells_its_turn_after_a_blurred_image(name: str) -> None:
-    shape, places = SHAPES[name](), [pose(50.0 + 13.0 * k, 120.0, 2.0 * k) for k in range(16)]
-    contacts = shape.outer[[0, len(shape.outer) // 2]]
-    first = [outline(apply_homography(places[0], p), k > 0) for k, p in enumerate(shape.polygons)]
-    follower = Follower(photo([(shape, places[0])]), View(first), apply_homography(places[0], contacts))
+    places = [pose(50.0 + 13.0 * k, 120.0, 2.0 * k) for k in range(16)]
+    scene = begun(name, places[0], again=0)
     for k in range(1, 16):
-        image = photo([(shape, places[k])], seed=k)
-        decision = follower.update(cv2.blur(image, (41, 41)) if k == 10 else image)
+        image = photo([(scene.shape, places[k])], seed=k)
+        decision = scene.follower.update(cv2.blur(image, (41, 41)) if k == 10 else image)
     assert decision.is_accepted and decision.estimate is not None
-    assert max_contact_distance(decision.estimate.contacts, apply_homography(places[15], contacts)) < 3.0
+    assert max_contact_distance(decision.estimate.contacts, scene.at(places[15])) < 3.0
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -27,7 +27,7 @@ else:
     import tomli as tomllib
 
 from grasptrack.cli.main import main
-from grasptrack.geometry.homographies import apply_homography
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.io.video import VideoWriter
 from program import whole_program
 from research.paper.__main__ import app as paper
@@ -228,11 +228,7 @@ CORNERS = np.array([[100, 99], [440, 110], [430, 180], [350, 200], [430, 215], [
 
 def motion(i: int) -> np.ndarray:
     """(3, 3) px of frame 0 to px of frame i."""
-    c, s = np.cos(0.01 * i), np.sin(0.01 * i)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    there, back = np.eye(3), np.eye(3)
-    there[:2, 2], back[:2, 2] = (270.0 + i, 200.0 + i), (-270.0, -200.0)
-    return there @ turn @ back
+    return similarity_transform(1.0, 0.01 * i, (270.0, 200.0), (270.0 + i, 200.0 + i))
 
 
 def frame(i: int) -> np.ndarray:

@@ -14,6 +14,7 @@ from grasptrack.grasp.synthesis import synthesize
 from grasptrack.tracking.image_pair import REGISTRATION, transfer_between_images
 from grasptrack.transfer import STRATEGIES
 from grasptrack_bench.simulation import SHAPES, Conditions, Path, Pinhole, Scene
+from grasptrack_bench.simulation.coverage import subdivide_polygon
 from grasptrack_bench.simulation.textures import blank_texture
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 from test_matching import seen
@@ -38,43 +39,40 @@ def reference(shape, H, friction=0.5):
     return view, synthesize(view, 2, friction, top=1)[0]
 
 
+def carried(name, *pose, surface=None):
+    """What is made of both images of a part, its grasp in the first, and where that truly is in the second."""
+    shape = SHAPES[name]()
+    both, H = scene(shape, *pose, surface=surface)
+    view, grasp = reference(shape, H[0])
+    pair = transfer_between_images(grasp, view, both[0].image, both[1].image, 0.5)
+    return pair, grasp, apply_homography(H[1] @ np.linalg.inv(H[0]), grasp.contacts)
+
+
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("name", "turn", "tilt", "share"),
     [("bracket", 2.6, 0.0, NEAR), ("key", 4.0, 55.0, NEAR), ("gasket", 1.0, 40.0, FAR), ("hook", 3.1, 50.0, 0.4)],
 )
 def test_any_turn_tilt_and_scale(name, turn, tilt, share):
-    shape = SHAPES[name]()
-    both, H = scene(shape, turn, math.radians(tilt), share)
-    view, grasp = reference(shape, H[0])
-    pair = transfer_between_images(grasp, view, both[0].image, both[1].image, 0.5)
+    pair, grasp, truth = carried(name, turn, math.radians(tilt), share)
     first = pair.outcomes[0]
     assert [o.strategy for o in pair.outcomes] == [REGISTRATION, *STRATEGIES]
     assert first.reason == "" and not pair.turns and pair.found.status == "matched"
-    truth = apply_homography(H[1] @ np.linalg.inv(H[0]), grasp.contacts)
     assert np.hypot(*(first.contacts - truth).T).max() < 1.0
     np.testing.assert_allclose(apply_homography(first.homography, grasp.contacts), first.contacts, atol=1e-6)
     assert first.analysis.stable
 
 
 def test_the_other_turns_of_a_symmetric_part_are_told():
-    shape = SHAPES["square"]()
-    both, H = scene(shape, 0.2, 0.1, 0.4, surface=blank_texture(3))
-    view, grasp = reference(shape, H[0])
-    pair = transfer_between_images(grasp, view, both[0].image, both[1].image, 0.5)
+    pair, _, truth = carried("square", 0.2, 0.1, 0.4, surface=blank_texture(3))
     assert pair.found.status == "ambiguous"
     np.testing.assert_allclose(np.sort(np.abs(pair.turns)), [90, 90, 180], atol=3)
-    truth = apply_homography(H[1] @ np.linalg.inv(H[0]), grasp.contacts)
     assert np.hypot(*(pair.outcomes[0].contacts - truth).T).max() < 1.0  # the smallest turn
 
 
 def test_the_grain_of_a_surface_tells_how_a_square_was_turned():
-    shape = SHAPES["square"]()
-    both, H = scene(shape, 0.2, 0.1, 0.4)
-    view, grasp = reference(shape, H[0])
-    pair = transfer_between_images(grasp, view, both[0].image, both[1].image, 0.5)
+    pair, _, truth = carried("square", 0.2, 0.1, 0.4)
     assert pair.found.status == "matched"
-    truth = apply_homography(H[1] @ np.linalg.inv(H[0]), grasp.contacts)
     assert np.hypot(*(pair.outcomes[0].contacts - truth).T).max() < 0.3
 
 
@@ -98,11 +96,7 @@ def printed(outline, seed=0, size=(360, 480), blots=30.0):
     inside = np.zeros(size, np.uint8)
     cv2.fillPoly(inside, [np.rint(outline + MIDDLE).astype(np.int32)], 1)
     image += blots * noise / noise.std() * cv2.erode(inside, np.ones((13, 13), np.uint8))
-    ahead = np.roll(outline, -1, axis=0) - outline
-    fine = np.concatenate(
-        [a + np.linspace(0, 1, 60, endpoint=False)[:, None] * b for a, b in zip(outline, ahead, strict=True)]
-    )
-    return image, View(Contour(fine + MIDDLE))
+    return image, View(Contour(subdivide_polygon(outline, 2.0) + MIDDLE))
 
 
 def moved(image, H, seed):

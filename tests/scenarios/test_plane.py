@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import posed
 from grasptrack import GraspTracker
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography
+from grasptrack.geometry.homographies import apply_homography, rotation_about_z, similarity_transform
 from grasptrack.grasp.closure_probability import CHANCE, FRONTAL, ClosureCheck, Rectifications
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
@@ -42,8 +42,7 @@ def turned(tilt: tuple[float, float], roll: float = 0.0) -> np.ndarray:
     n = np.array([*tilt, 1.0]) / math.hypot(1.0, *tilt)
     x = np.cross([0.0, 1.0, 0.0], n)
     x /= np.linalg.norm(x)
-    c, s = math.cos(roll), math.sin(roll)
-    return np.column_stack([x, np.cross(n, x), n]) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    return np.column_stack([x, np.cross(n, x), n]) @ rotation_about_z(roll)
 
 
 def rendered(
@@ -213,8 +212,7 @@ def test_the_margin_is_that_of_the_plane_whatever_the_view(tilt: tuple[float, fl
 @given(st.floats(-math.pi, math.pi), st.floats(0.4, 2.5))
 def test_a_similar_view_changes_nothing(angle: float, scale: float) -> None:
     check, _ = check_of(OUTLINE, CONTACTS)
-    c, s = scale * math.cos(angle), scale * math.sin(angle)
-    H = np.array([[c, -s, 40.0], [s, c, -30.0], [0, 0, 1.0]])
+    H = similarity_transform(scale, angle, (0.0, 0.0), (40.0, -30.0))
     judged = check.judge(apply_homography(H, CONTACTS), 0.6, H, H, np.array([0.01 * np.eye(2)] * 2))
     own = check.judge_first(FRONTAL)
     assert judged.analysis.margin == pytest.approx(own.analysis.margin, abs=1e-9)

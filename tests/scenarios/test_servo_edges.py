@@ -19,6 +19,12 @@ from setup_errors import try_right, try_wrong
 LOST = gt.TrackResult(0, None, "lost", "the camera is dead")
 
 
+def begun(seed: int, retries: int = 0, **options: float) -> tuple[Bench, gt.GraspServo]:
+    """A bench, and a servo with its goal."""
+    bench = Bench(seed=seed, **options)  # type: ignore[arg-type]
+    return bench, gt.GraspServo(bench.goal(), retries=retries)
+
+
 def step(bench: Bench, servo: gt.GraspServo, result: gt.TrackResult | None = None, **more: Any) -> gt.Command:
     """One period: what the servo says of a result (the bench's, by default), and the hand does it."""
     command = servo.update(result or bench.result(), time=bench.time, pose=bench.hand, **more)
@@ -27,10 +33,16 @@ def step(bench: Bench, servo: gt.GraspServo, result: gt.TrackResult | None = Non
     return command
 
 
-def until(bench: Bench, servo: gt.GraspServo, met: Callable[[gt.Command], bool]) -> gt.Command:
-    """Steps until a command is met, which is not carried out any more."""
+def until(
+    bench: Bench,
+    servo: gt.GraspServo,
+    met: Callable[[gt.Command], bool],
+    clock: Callable[[float], float] = lambda time: time,
+) -> gt.Command:
+    """Steps until a command is met, which is not carried out any more; the clock may tell another time than the bench's."""
     for _ in range(1000):
-        command = servo.update(bench.result(), time=bench.time, pose=bench.hand)
+        time = clock(bench.time)
+        command = servo.update(replace(bench.result(), time=time), time=time, pose=bench.hand)
         if met(command):
             return command
         assert not servo.over, servo.reason
@@ -61,8 +73,7 @@ def test_once_it_is_over_the_hand_comes_to_rest_and_stays() -> None:
 
 
 def test_an_answer_that_is_given_again_and_again_never_closes_the_hand() -> None:
-    bench = Bench(seed=2)
-    servo = gt.GraspServo(bench.goal())
+    bench, servo = begun(seed=2)
     until(bench, servo, lambda c: c.error_px < 30.0)
     last, taken = bench.results[-1], bench.time
     bench.at = bench.at + 0.05 * np.array([0.6, 0.8, 0.0])  # nobody sees that the part is moved
@@ -74,8 +85,7 @@ def test_an_answer_that_is_given_again_and_again_never_closes_the_hand() -> None
 
 
 def test_a_result_that_is_old_does_not_move_the_hand() -> None:
-    bench = Bench(seed=2)
-    servo = gt.GraspServo(bench.goal())
+    bench, servo = begun(seed=2)
     for _ in range(60):
         command = step(bench, servo, taken=bench.time - 60.0)
     assert not any(c.twist.any() for c in bench.commands) and "no image yet" in command.reason
@@ -102,8 +112,7 @@ def test_closing_latches_and_ends_in_time_where_nobody_tells_what_came_of_it() -
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("fingers", [2, 3])
 def test_a_result_without_a_number_of_its_grasp_is_the_grasps_before(fingers: int) -> None:
-    bench = Bench(seed=1, fingers=fingers)
-    servo = gt.GraspServo(bench.goal())
+    bench, servo = begun(seed=1, fingers=fingers)
     for k in range(400):
         result = bench.result()
         bare = replace(result, grasp_id=None, homography=None) if k % 9 == 8 else result
@@ -113,8 +122,7 @@ def test_a_result_without_a_number_of_its_grasp_is_the_grasps_before(fingers: in
 
 
 def test_a_fault_of_the_program_stops_the_hand_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(seed=3)
-    servo = gt.GraspServo(bench.goal())
+    bench, servo = begun(seed=3)
     until(bench, servo, lambda c: bool(np.linalg.norm(c.twist[:3]) > 0.1))
     monkeypatch.setattr(
         "grasptrack.servo.controller.compute_aim", lambda *a: 1 / np.zeros(3, dtype=object)[0] + [].pop()
@@ -147,37 +155,21 @@ def test_a_horizon_through_the_grasp_and_contacts_at_no_distance_leave_the_twist
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("jump", [3600.0, -3600.0])
 def test_a_clock_that_jumps_an_hour_is_a_gap(jump: float) -> None:
-    bench = Bench(seed=1)
-    servo = gt.GraspServo(bench.goal())
-    for _ in range(1000):
-        time = bench.time + (jump if bench.time > 1.5 else 0.0)
-        result = replace(bench.result(), time=time)
-        command = servo.update(result, time=time, pose=bench.hand)
-        if command.close:
-            break
-        assert not servo.over, servo.reason
-        bench.move(command.twist)
+    bench, servo = begun(seed=1)
+    until(bench, servo, lambda c: c.close, lambda time: time + (jump if time > 1.5 else 0.0))
     across, along, turn = bench.off()
-    assert command.close and across < 2e-3 and abs(along) < 4e-3 and abs(turn) < 0.03
+    assert across < 2e-3 and abs(along) < 4e-3 and abs(turn) < 0.03
 
 
 def test_times_that_repeat_are_no_error() -> None:
-    bench = Bench(seed=1)
-    servo = gt.GraspServo(bench.goal())
-    for _ in range(1000):
-        time = int(bench.time * 12.5) / 12.5  # a clock half as fine as the loop
-        command = servo.update(replace(bench.result(), time=time), time=time, pose=bench.hand)
-        if command.close:
-            break
-        assert not servo.over, servo.reason
-        bench.move(command.twist)
-    assert command.close
+    bench, servo = begun(seed=1)
+    found = until(bench, servo, lambda c: c.close, lambda time: int(time * 12.5) / 12.5)  # half as fine as the loop
+    assert found.close
 
 
 @pytest.mark.parametrize(("scale", "told"), [(1e3, "40 s"), (1e9, "4e+07 s")])
 def test_times_in_other_units_are_named(scale: float, told: str) -> None:
-    bench = Bench(seed=1)
-    servo = gt.GraspServo(bench.goal())
+    bench, servo = begun(seed=1)
     for _ in range(10):
         command = servo.update(bench.result(), time=scale * bench.time, pose=bench.hand)
         bench.move(command.twist)
@@ -214,8 +206,7 @@ def test_a_camera_that_hangs_stops_the_hand(example: SimpleNamespace, hangs_at: 
 
 
 def test_an_arm_that_stops_in_the_middle_is_told() -> None:
-    bench = Bench(seed=3)
-    servo = gt.GraspServo(bench.goal())
+    bench, servo = begun(seed=3)
     until(bench, servo, lambda c: bool(np.linalg.norm(c.twist[:3]) > 0.1))
     stopped = bench.time
     while not servo.over:
@@ -231,8 +222,7 @@ def test_an_arm_that_stops_in_the_middle_is_told() -> None:
 @pytest.mark.parametrize("belt", [0.0, 80.0])
 @pytest.mark.parametrize("how", [{"held": False}, {"opening": 0.001}])
 def test_it_goes_back_along_its_path_and_tries_again(how: dict[str, Any], belt: float) -> None:
-    bench = Bench(seed=1, belt=belt)
-    servo = gt.GraspServo(bench.goal(), retries=1)
+    bench, servo = begun(seed=1, belt=belt, retries=1)
     until(bench, servo, lambda c: c.close)
     low = bench.hand[2, 3]
     servo.closed(**how)
@@ -253,8 +243,7 @@ def test_it_goes_back_along_its_path_and_tries_again(how: dict[str, Any], belt: 
 
 
 def test_what_the_gripper_reports_tells_whether_it_holds_the_part() -> None:
-    bench = Bench(seed=1)
-    servo = gt.GraspServo(bench.goal())
+    bench, servo = begun(seed=1)
     until(bench, servo, lambda c: c.close)
     width = float(np.linalg.norm(bench.shape[1] - bench.shape[0]))
     other = copy.deepcopy(servo)
@@ -269,8 +258,7 @@ def test_what_the_gripper_reports_tells_whether_it_holds_the_part() -> None:
 
 
 def test_a_hand_goes_back_the_way_it_came() -> None:
-    bench = Bench(seed=4)
-    servo = gt.GraspServo(bench.goal(), retries=1)
+    bench, servo = begun(seed=4, retries=1)
     came = []
 
     def met(command: gt.Command) -> bool:

@@ -3,6 +3,7 @@
 
 import math
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from grasptrack.snake.active_contour import Snake, SnakeFit
 from grasptrack.snake.shape_space import Shape
 from grasptrack.transfer import rrp
 from grasptrack.typing import Floats
+from grasptrack_bench.simulation.coverage import subdivide_polygon
 
 SIZE = (640, 480)
 FINE = 4
@@ -29,17 +31,12 @@ def part() -> View:
     corners = np.array(
         [[230, 170], [400, 160], [430, 240], [385, 262], [420, 300], [400, 330], [250, 325], [215, 260]], dtype=float
     )
-    outer = Contour(dense(corners))
+    outer = Contour(subdivide_polygon(corners, 1.5))
     t = np.arange(60) * (2 * math.pi / 60)
     return View([outer, Contour(np.column_stack([300 + 28 * np.cos(t), 245 + 22 * np.sin(t)]), hole=True)])
 
 
-def dense(corners: Floats, step: float = 1.5) -> Floats:
-    pieces = []
-    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        along = np.linspace(0, 1, int(math.dist(a, b) / step), endpoint=False)
-        pieces.append(a + along[:, None] * (b - a))
-    return np.concatenate(pieces)
+PART = part()
 
 
 def coverage(curves: list[Floats]) -> Floats:
@@ -90,13 +87,20 @@ def path(k: int, shear: float = 0.0) -> Floats:
     return affine(1 + 0.2 * slow, 0.5 * math.sin(5 * t), 60 * math.sin(4 * t), 40 * math.sin(7 * t), shear * slow)
 
 
-def grasp_of(snake: Snake) -> Grasp:
-    return Grasp(np.array([[245.0, 168.0], [330.0, 328.5]])).snapped(snake.template)
+def begun(shape: Shape = "similarity", **options: Any) -> Snake:
+    """A snake on the part at rest."""
+    return Snake(PART, render(PART, np.eye(3), 0), shape, **options)
+
+
+def step(snake: Snake, image: NDArray[np.uint8]) -> SnakeFit:
+    """What it makes of the next image."""
+    snake.predict()
+    return snake.update(image)
 
 
 def error(snake: Snake, fit: SnakeFit, H: Floats) -> float:
     """px, largest error of two contacts carried by RRP on the snake's samples."""
-    grasp = grasp_of(snake)
+    grasp = Grasp(np.array([[245.0, 168.0], [330.0, 328.5]])).snapped(snake.template)
     carried = rrp.apply(rrp.describe(grasp, snake.template), snake.view(fit)).grasp
     return float(np.hypot(*(carried.contacts - apply_homography(H, grasp.contacts)).T).max())
 
@@ -104,13 +108,12 @@ def error(snake: Snake, fit: SnakeFit, H: Floats) -> float:
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(("shape", "shear"), [("similarity", 0.0), ("affine", 0.0), ("affine", 0.12)])
 def test_contacts_over_sixty_frames(shape: Shape, shear: float) -> None:
-    view = part()
-    snake = Snake(view, render(view, np.eye(3), 0), shape)
+    snake = begun(shape)
     errors = []
     for k in range(60):
         if k:
             snake.predict()
-        fit = snake.update(render(view, path(k, shear), k))
+        fit = snake.update(render(PART, path(k, shear), k))
         assert fit.ok, f"frame {k}: {fit.reason}"
         errors.append(error(snake, fit, path(k, shear)))
         assert fit.support > 0.9 and fit.outside == 0.0
@@ -119,25 +122,21 @@ def test_contacts_over_sixty_frames(shape: Shape, shear: float) -> None:
 
 
 def test_the_light_may_fade_slowly() -> None:
-    view = part()
-    snake = Snake(view, render(view, np.eye(3), 0))
+    snake = begun()
     for k in range(1, 60):
-        faded = (render(view, path(k), k) * (1.0 - 0.011 * k)).astype(np.uint8)
-        snake.predict()
-        fit = snake.update(faded)
+        faded = (render(PART, path(k), k) * (1.0 - 0.011 * k)).astype(np.uint8)
+        fit = step(snake, faded)
         assert fit.ok, f"frame {k}: {fit.reason}"
     assert error(snake, fit, path(59)) < 0.3
 
 
 def test_fast_motion_after_warming_up() -> None:
-    view = part()
-    snake = Snake(view, render(view, np.eye(3), 0))
+    snake = begun()
     x = 0.0
     for k in range(1, 30):
         x += (1 if (k // 12) % 2 == 0 else -1) * min(15.0, 3.0 * (k % 12 + 1))
         H = affine(1.0, 0.01 * k, x, -0.3 * x)
-        snake.predict()
-        fit = snake.update(render(view, H, k))
+        fit = step(snake, render(PART, H, k))
         if fit.ok:
             assert error(snake, fit, H) < 0.3
         assert fit.ok or k in (12, 24), f"frame {k}: {fit.reason}"
@@ -148,11 +147,9 @@ SHIFT = st.floats(-10, 10)
 
 @given(st.floats(0.85, 1.15), st.floats(-0.06, 0.06), SHIFT, SHIFT, st.integers(0, 99), st.booleans())
 def test_one_step_of_any_direction(scale: float, angle: float, x: float, y: float, seed: int, dark: bool) -> None:
-    view = part()
-    snake = Snake(view, render(view, np.eye(3), seed, dark))
+    snake = Snake(PART, render(PART, np.eye(3), seed, dark))
     H = affine(scale**0.5, angle, x, y)
-    snake.predict()
-    fit = snake.update(render(view, H, seed + 1, dark))
+    fit = step(snake, render(PART, H, seed + 1, dark))
     assert fit.ok and error(snake, fit, H) < 0.25
 
 
@@ -166,12 +163,10 @@ def bar(x: float, width: float, tilt: float) -> Floats:
 @pytest.mark.parametrize("tilt", [0.0, 0.5, 1.5708])
 @pytest.mark.parametrize("shape", ["similarity", "affine"])
 def test_a_bar_over_a_quarter_is_survived_or_admitted(shape: Shape, tilt: float) -> None:
-    view = part()
-    snake = Snake(view, render(view, np.eye(3), 0), shape)
+    snake = begun(shape)
     believed = 0
     for k in range(1, 40):
-        snake.predict()
-        fit = snake.update(render(view, path(k), k, cover=bar(90 + 13 * k, 50, tilt)))
+        fit = step(snake, render(PART, path(k), k, cover=bar(90 + 13 * k, 50, tilt)))
         believed += fit.ok
         if fit.ok:
             assert error(snake, fit, path(k)) < 0.5, f"frame {k}"
@@ -179,36 +174,30 @@ def test_a_bar_over_a_quarter_is_survived_or_admitted(shape: Shape, tilt: float)
 
 
 def test_a_covered_contact_is_not_seen() -> None:
-    view = part()
-    snake = Snake(view, render(view, np.eye(3), 0))
-    snake.predict()
-    fit = snake.update(render(view, np.eye(3), 1, cover=bar(245, 44, 0.0)))
+    snake = begun()
+    fit = step(snake, render(PART, np.eye(3), 1, cover=bar(245, 44, 0.0)))
     from_contact = np.hypot(*(snake.template.points[:, None] - [[245.0, 168.0], [400.0, 160.0]]).transpose(2, 0, 1))
     hidden, free = (fit.seen[np.argsort(d)[:13]].mean() for d in from_contact.T)
     assert hidden < 0.2 and free > 0.5
 
 
 def test_gone_and_back() -> None:
-    view = part()
-    snake = Snake(view, render(view, np.eye(3), 0))
+    snake = begun()
     for k in range(1, 12):
-        snake.predict()
-        fit = snake.update(render(None, np.eye(3), k))
+        fit = step(snake, render(None, np.eye(3), k))
         assert not fit.ok and "edges" in fit.reason
     there = affine(1.3, 1.0, 40.0, -20.0)
     snake.reseed(there @ affine(1.01, 0.01, 1.0, 2.0))
-    fit = snake.update(render(view, there, 50))
+    fit = snake.update(render(PART, there, 50))
     assert fit.ok and error(snake, fit, there) < 0.2
 
 
 def test_out_of_the_image_is_unobserved_not_wrong() -> None:
-    view = part()
-    snake = Snake(view, render(view, np.eye(3), 0))
+    snake = begun()
     outside = []
     for k in range(1, 61):
         H = affine(1.0, 0.1 * math.sin(k / 9), -6.0 * k, 0.0)
-        snake.predict()
-        fit = snake.update(render(view, H, k))
+        fit = step(snake, render(PART, H, k))
         outside.append(fit.outside)
         if fit.ok:
             assert error(snake, fit, H) < 0.7, f"frame {k}"
@@ -219,13 +208,11 @@ def test_out_of_the_image_is_unobserved_not_wrong() -> None:
 
 def test_tilt_is_admitted_and_measured() -> None:
     """What a similarity cannot follow shows in `misfit`, and is not called ok for long."""
-    view = part()
-    snake = Snake(view, render(view, np.eye(3), 0))
+    snake = begun()
     to_middle = np.array(((1, 0, -320), (0, 1, -245), (0, 0, 1.0)))
     for k in range(1, 40):
         H = np.linalg.inv(to_middle) @ np.array(((1, 0, 0), (0, 1, 0), (2.5e-5 * k, 0, 1.0))) @ to_middle
-        snake.predict()
-        fit = snake.update(render(view, H, k))
+        fit = step(snake, render(PART, H, k))
         off = apply_homography(fit.homography, snake.template.points) - apply_homography(H, snake.template.points)
         rms = math.sqrt(np.square(off).sum(axis=1).mean())
         if fit.ok:
@@ -236,8 +223,7 @@ def test_tilt_is_admitted_and_measured() -> None:
 
 
 def test_samples_follow_the_outline_and_keep_their_counts() -> None:
-    view = part()
-    snake = Snake(view, render(view, np.eye(3), 0), contacts=[[245.0, 169.1]])
+    snake = begun(contacts=[[245.0, 169.1]])
     assert snake.rms < 0.3
     assert len(snake.template.contours) == 2 and all(len(c) % 6 == 0 for c in snake.template.contours)
     assert [len(c) for c in snake.view().contours] == [len(c) for c in snake.template.contours]
@@ -245,13 +231,12 @@ def test_samples_follow_the_outline_and_keep_their_counts() -> None:
 
 
 def test_refusals() -> None:
-    view = part()
-    image = render(view, np.eye(3), 0)
+    image = render(PART, np.eye(3), 0)
     with pytest.raises(ObservationError):
-        Snake(view, render(None, np.eye(3), 0))
+        Snake(PART, render(None, np.eye(3), 0))
     with pytest.raises(StrategyError):
-        Snake(view, image, "perspective")  # type: ignore[arg-type]
+        Snake(PART, image, "perspective")  # type: ignore[arg-type]
     with pytest.raises(InputError):
-        Snake(view, np.dstack([image] * 3))
+        Snake(PART, np.dstack([image] * 3))
     with pytest.raises(InputError):
-        Snake(view, image).update(np.dstack([image] * 3))
+        Snake(PART, image).update(np.dstack([image] * 3))

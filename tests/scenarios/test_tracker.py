@@ -2,6 +2,7 @@
 """What the tracker promises: statuses with reasons, contacts in their order, errors for bad input, the same answer twice."""
 
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -26,11 +27,20 @@ def track(images: list[np.ndarray], **options: object) -> list[TrackResult]:
     return [tracker.update(image) for image in images]
 
 
-def given_contacts() -> np.ndarray:
-    """Two contacts on the bracket of the first image, as a user would click them: a little off the outline."""
-    found = track(IMAGES[:1])[0].contacts
-    assert found is not None
-    return found + np.array([[1.2, -0.8], [-0.9, 1.1]])
+def followed(shape: Shape, look: dict[str, Any] | None = None, **options: object) -> Run:
+    """A part at all of `POSES`."""
+    run = Run(**options)
+    for k, H in enumerate(POSES):
+        run.see(photo([(shape, H)], seed=k, **look or {}), H)
+    return run
+
+
+def beside() -> np.ndarray:
+    """Two places on the bracket of the first image that do not face each other."""
+    (start,) = track(IMAGES[:1])
+    assert start.view is not None
+    outline = start.view.outer.points
+    return np.array([outline[0], outline[len(outline) // 8]])
 
 
 # --- statuses ------------------------------------------------------------------------------------
@@ -64,21 +74,13 @@ def test_the_search_goes_on_until_there_is_an_object() -> None:
 
 
 def test_an_unstable_grasp_keeps_its_contacts_and_says_why() -> None:
-    (start,) = track(IMAGES[:1])
-    assert start.contacts is not None and start.view is not None
-    outline = start.view.outer.points
-    beside = np.array([outline[0], outline[len(outline) // 8]])  # two places that do not face each other
-    results = track(IMAGES, grasp=beside)
+    results = track(IMAGES, grasp=beside())
     assert {r.status for r in results} == {"unstable"}
     assert all(r.reason and r.contacts is not None and r.grasp_id == 1 for r in results)
 
 
 def test_resynthesize_gives_a_new_grasp_and_a_new_number() -> None:
-    (start,) = track(IMAGES[:1])
-    assert start.view is not None
-    outline = start.view.outer.points
-    beside = np.array([outline[0], outline[len(outline) // 8]])
-    results = track(IMAGES, grasp=beside, resynthesize=True)
+    results = track(IMAGES, grasp=beside(), resynthesize=True)
     assert (results[1].status, results[1].grasp_id) == ("unstable", 1)
     assert (results[2].status, results[2].grasp_id) == ("tracked", 2)
     assert (results[5].status, results[5].grasp_id) == ("tracked", 2)
@@ -122,7 +124,10 @@ def test_three_fingers_have_a_chance_too_and_a_lost_grasp_has_none() -> None:
 
 
 def test_given_contacts_are_moved_to_the_outline() -> None:
-    given = given_contacts()
+    """As a user would click them: a little off."""
+    found = track(IMAGES[:1])[0].contacts
+    assert found is not None
+    given = found + np.array([[1.2, -0.8], [-0.9, 1.1]])
     (r,) = track(IMAGES[:1], grasp=given)
     assert r.contacts is not None and r.view is not None
     assert np.hypot(*(r.contacts - given).T).max() < 2.0
@@ -148,19 +153,14 @@ def test_contacts_that_are_on_no_object_are_refused() -> None:
 
 
 def test_a_grasp_on_a_hole_is_carried() -> None:
-    run = Run(grasp=apply_homography(POSES[0], GASKET.holes[0][[0, 45]]))
-    for k, H in enumerate(POSES):
-        run.see(photo([(GASKET, H)], ground=EVEN, seed=k), H)
-    run.check()
+    followed(GASKET, {"ground": EVEN}, grasp=apply_homography(POSES[0], GASKET.holes[0][[0, 45]])).check()
 
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("strategy", ["auto", "homography", "rrp"])
 def test_three_fingers(strategy: str) -> None:
-    run = Run(fingers=3, strategy=strategy)
-    for k, H in enumerate(POSES):
-        r = run.see(photo([(BRACKET, H)], seed=k), H)
-        assert r.contacts is not None and len(r.contacts) == 3
+    run = followed(BRACKET, fingers=3, strategy=strategy)
+    assert all(r.contacts is not None and len(r.contacts) == 3 for r in run.results)
     run.check()
 
 
@@ -245,25 +245,18 @@ def test_masks_take_the_images_place() -> None:
 
 
 def test_light_objects_on_dark_ground() -> None:
-    run = Run()
     light, dark = brushed_texture(3, colour=(190, 195, 200), extent=4.0), plain_texture(3, colour=(45, 45, 45))
-    for k, H in enumerate(POSES):
-        run.see(photo([(PLATE, H)], ground=dark, surface=light, seed=k), H)
+    run = followed(PLATE, {"ground": dark, "surface": light})
     assert run.statuses == ["tracked"] * 6
     run.check()
 
 
 def test_a_disc_is_never_claimed_to_be_fixed() -> None:
-    run = Run()
-    for k, H in enumerate(POSES):
-        run.see(photo([(SHAPES["disc"](), H)], seed=k), H)
-    run.check(1)
+    followed(SHAPES["disc"]()).check(1)
 
 
 def test_a_regular_polygon_is_followed_while_it_stays_in_sight() -> None:
-    run = Run()
-    for k, H in enumerate(POSES):
-        run.see(photo([(regular(5), H)], seed=k), H)
+    run = followed(regular(5))
     assert run.statuses == ["tracked"] * 6
     run.check()
 

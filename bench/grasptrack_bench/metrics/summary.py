@@ -163,7 +163,8 @@ def worst_frames(run: EvaluationRun, method: str, count: int = PER_METHOD) -> li
     found: list[Worst] = []
     for case in run.scored:
         frames = run.scores[case.name].get(method, [])
-        bad = sorted((f for f in frames if f.distances is not None and not f.defining), key=_worst_first_key)
+        measured = [f for f in frames if f.distances is not None and not f.defining]
+        bad = sorted(measured, key=lambda f: (not f.is_false_accept, -f.error, f.frame))
         kept: list[FrameScore] = []
         for f in bad:
             if len(kept) < PER_CASE and all(abs(f.frame - k.frame) >= APART for k in kept):
@@ -195,10 +196,6 @@ def _format_cell(value: float | int | str) -> str:
     if isinstance(value, str):
         return value
     return "" if math.isnan(value) else repr(value)
-
-
-def _worst_first_key(f: FrameScore) -> tuple[bool, float, int]:
-    return not f.is_false_accept, -f.error, f.frame
 
 
 def _worst_record(method: str, case: Case, f: FrameScore) -> Worst:

@@ -68,11 +68,6 @@ def base_pose(setting: Setting) -> Floats:
     return serial.base_for(setting.hand, setting.place[:2, 3], setting.belt)
 
 
-def body_chain_xml(setting: Setting, arm: Arm, grey: str) -> tuple[str, str, str]:
-    """What opens the chain of bodies that carries the hand, the hand's place in the last of them, and what closes it."""
-    return _gantry_chain_xml() if arm == "gantry" else _serial_chain_xml(setting, grey)
-
-
 def velocity_drives_xml(arm: Arm) -> str:
     """Velocity drives of all joints, in their order."""
     found = ""
@@ -217,7 +212,7 @@ def _part_body_xml(setting: Setting) -> str:
 
 
 def _arm_bodies_xml(setting: Setting, hand: Gripper, arm: Arm, grey: str) -> str:
-    opened, placed, closed = body_chain_xml(setting, arm, grey)
+    opened, placed, closed = _gantry_chain_xml() if arm == "gantry" else _serial_chain_xml(setting, grey)
     camera, q = setting.mount, frames.rotation_to_quaternion(setting.mount[:3, :3] @ frames.DOWN)
     fovy = math.degrees(2.0 * math.atan(setting.camera.height / (2.0 * setting.camera.matrix[0, 0])))
     boxes = "".join(

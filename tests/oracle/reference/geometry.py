@@ -182,7 +182,8 @@ def polygon_moments(points: Floats, offsets: NDArray[np.int64]) -> PolygonMoment
 # --- Places on contours: the nearest to a point, and the point of a place -----
 
 
-def _segment_end_indices(offsets: NDArray[np.int64], count: int) -> NDArray[np.intp]:
+def segment_end_indices(offsets: NDArray[np.int64], count: int) -> NDArray[np.intp]:
+    """(N,) index of the point that ends each segment."""
     following = np.arange(1, count + 1)
     following[offsets[1:] - 1] = offsets[:-1]
     return following
@@ -190,7 +191,7 @@ def _segment_end_indices(offsets: NDArray[np.int64], count: int) -> NDArray[np.i
 
 def project_to_contour(points: Floats, offsets: NDArray[np.int64], queries: Floats) -> Floats:
     check_outline(points, offsets)
-    side = points[_segment_end_indices(offsets, len(points))] - points
+    side = points[segment_end_indices(offsets, len(points))] - points
     square = np.einsum("ij,ij->i", side, side)
     square[square == 0] = 1.0
     out = np.empty((len(queries), 3))

@@ -105,36 +105,35 @@ NO_PLANE = 1e-9
 MAX_CONTACTS = 8
 
 
-def _cone_edge_wrenches(arms: Floats, normals: Floats, along: float, across: float) -> Floats:
-    """(2k, 3) edges of the friction cones, force n * along +- t * across, and torque / rho."""
+def cone_edges(arms: Floats, normals: Floats, along: float, across: float) -> Floats:
+    """(n, 2, 3) wrenches of the edges of each friction cone: force n * along +- t * across, and torque / rho."""
     tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
-    forces = np.concatenate([along * normals + across * tangents, along * normals - across * tangents])
-    both = np.concatenate([arms, arms])
-    return np.column_stack([forces, both[:, 0] * forces[:, 1] - both[:, 1] * forces[:, 0]])
+    forces = np.stack([along * normals + across * tangents, along * normals - across * tangents], axis=1)
+    torque = arms[:, None, 0] * forces[..., 1] - arms[:, None, 1] * forces[..., 0]
+    return np.concatenate([forces, torque[..., None]], axis=2)
 
 
-def _epsilon_quality(w: Floats) -> float:
-    """Signed distance of the origin from the nearest facet of the hull of w, positive inside; 0 where it is flat."""
-    scale = float(np.abs(w).max())
-    if scale == 0:
-        return 0.0
-    depth = math.inf
-    for i, j, k in itertools.combinations(range(len(w)), 3):
-        m = np.cross(w[j] - w[i], w[k] - w[i])
-        size = float(np.sqrt(m @ m))
-        if size <= NO_PLANE * scale * scale:
-            continue
-        m = m / size
-        heights = (w - w[i]) @ m
-        at = float(w[i] @ m)
-        above, below = bool((heights > ON_PLANE * scale).any()), bool((heights < -ON_PLANE * scale).any())
-        if not above and not below:
-            return 0.0
-        if not above:
-            depth = min(depth, at)
-        elif not below:
-            depth = min(depth, -at)
-    return depth if math.isfinite(depth) else 0.0
+def _epsilon_qualities(edges: Floats) -> Floats:
+    """(t,) signed distance of the origin from the nearest facet of the hull of the wrenches of (t, k, 2, 3) cone edges.
+
+    Positive inside; 0 where the hull is flat.
+    """
+    w = edges.transpose(0, 2, 1, 3).reshape(len(edges), -1, 3)
+    scale = np.abs(w).max(axis=(1, 2), initial=0.0)
+    depth, flat = np.full(len(w), np.inf), np.zeros(len(w), dtype=np.bool_)
+    for i, j, k in itertools.combinations(range(w.shape[1]), 3):
+        m = np.cross(w[:, j] - w[:, i], w[:, k] - w[:, i])
+        size = np.sqrt(np.einsum("ti,ti->t", m, m))
+        plane = size > NO_PLANE * scale * scale
+        m = m / np.where(plane, size, 1.0)[:, None]
+        heights = np.einsum("tki,ti->tk", w - w[:, i : i + 1], m)
+        at = np.einsum("ti,ti->t", w[:, i], m)
+        above = (heights > (ON_PLANE * scale)[:, None]).any(axis=1)
+        below = (heights < -(ON_PLANE * scale)[:, None]).any(axis=1)
+        flat |= plane & ~above & ~below
+        depth = np.where(plane & ~above, np.minimum(depth, at), depth)
+        depth = np.where(plane & ~below & above, np.minimum(depth, -at), depth)
+    return np.where(flat | ~np.isfinite(depth), 0.0, depth)
 
 
 def _angle_between(a: Floats, b: Floats) -> float:
@@ -151,7 +150,8 @@ def _friction_angle(contacts: Floats, normals: Floats, arms: Floats) -> float:
         return min(squeeze, spread, math.pi / 2)
 
     def closes(angle: float) -> bool:
-        return _epsilon_quality(_cone_edge_wrenches(arms, normals, math.cos(angle), math.sin(angle))) > ON_PLANE
+        edges = cone_edges(arms, normals, math.cos(angle), math.sin(angle))
+        return bool(_epsilon_qualities(edges[None])[0] > ON_PLANE)
 
     low, high = 0.0, math.pi / 2 - 1e-9
     if closes(low):
@@ -171,7 +171,7 @@ def force_closure(contacts: Floats, normals: Floats, cx: float, cy: float, rho: 
     if not rho > 0 or not friction >= 0:
         raise ValueError(f"rho must be above 0 and friction at least 0, not {rho:g} and {friction:g}")
     arms = (contacts - (cx, cy)) / rho
-    epsilon = _epsilon_quality(_cone_edge_wrenches(arms, normals, 1.0, friction))
+    (epsilon,) = _epsilon_qualities(cone_edges(arms, normals, 1.0, friction)[None]).tolist()
     return Closure(epsilon, _friction_angle(contacts, normals, arms))
 
 
@@ -200,42 +200,12 @@ def closing_triples(
     aside = np.abs(n[..., 0] * way[..., 1] - n[..., 1] * way[..., 0])
     toward, away = (aside < straight).all(axis=1), (aside < -straight).all(axis=1)
     every, sense = every[toward | away], np.where(toward, 1.0, -1.0)[toward | away]
-    epsilon = np.empty(len(every))
+    epsilon, edges = np.empty(len(every)), cone_edges((contacts - (cx, cy)) / rho, normals, 1.0, friction)
     for start in range(0, len(every), CHUNK):
         part = every[start : start + CHUNK]
-        epsilon[start : start + CHUNK] = _epsilon_qualities(
-            _cone_edges((contacts - (cx, cy)) / rho, normals, friction)[part]
-        )
+        epsilon[start : start + CHUNK] = _epsilon_qualities(edges[part])
     closed = epsilon > LEAST_EPSILON
     return StableTriples(every[closed], sense[closed], epsilon[closed])
-
-
-def _cone_edges(arms: Floats, normals: Floats, friction: float) -> Floats:
-    """(n, 2, 3) wrenches of the edges of each contact's friction cone."""
-    tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
-    forces = np.stack([normals + friction * tangents, normals - friction * tangents], axis=1)
-    torque = arms[:, None, 0] * forces[..., 1] - arms[:, None, 1] * forces[..., 0]
-    return np.concatenate([forces, torque[..., None]], axis=2)
-
-
-def _epsilon_qualities(edges: Floats) -> Floats:
-    """(t,) what `force_closure` calls epsilon, of grasps given as (t, 3, 2, 3) cone edges."""
-    w = edges.transpose(0, 2, 1, 3).reshape(-1, 6, 3)
-    scale = np.abs(w).max(axis=(1, 2), initial=0.0)
-    depth, flat = np.full(len(w), np.inf), np.zeros(len(w), dtype=np.bool_)
-    for i, j, k in itertools.combinations(range(6), 3):
-        m = np.cross(w[:, j] - w[:, i], w[:, k] - w[:, i])
-        size = np.sqrt(np.einsum("ti,ti->t", m, m))
-        plane = size > NO_PLANE * scale * scale
-        m = m / np.where(plane, size, 1.0)[:, None]
-        heights = np.einsum("tki,ti->tk", w - w[:, i : i + 1], m)
-        at = np.einsum("ti,ti->t", w[:, i], m)
-        above = (heights > (ON_PLANE * scale)[:, None]).any(axis=1)
-        below = (heights < -(ON_PLANE * scale)[:, None]).any(axis=1)
-        flat |= plane & ~above & ~below
-        depth = np.where(plane & ~above, np.minimum(depth, at), depth)
-        depth = np.where(plane & ~below & above, np.minimum(depth, -at), depth)
-    return np.where(flat | ~np.isfinite(depth), 0.0, depth)
 
 
 # --- Pairs of contacts whose friction cones hold the line between them ([10], [12]) -----

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from grasptrack.kernels.results import RankedCandidates, RankedGrasps, RankingLimits, WrenchSpace
 from grasptrack.typing import Bools, Floats, Ints
 from reference.checks import check_finite, check_indices, check_outline
-from reference.geometry import find_place
+from reference.geometry import find_place, segment_end_indices
+from reference.grasp import cone_edges
 
 __all__ = ["finger_clearance", "rank_grasps"]
 
@@ -38,7 +39,7 @@ def finger_clearance(
     if not (width > 0 and math.isfinite(width)) or not 0 <= depth < math.inf or not 0 <= reach < math.inf:
         raise ValueError(f"width must be above 0, depth and reach at least 0, not {width:g}, {depth:g} and {reach:g}")
     check_outline(points, offsets)
-    ends = points[_segment_end_indices(offsets)]
+    ends = points[segment_end_indices(offsets, len(points))]
     out = np.empty((count, 2))
     for k, (row, contact, direction) in enumerate(zip(out, contacts, directions, strict=True)):
         under = np.zeros(len(points), dtype=np.bool_)
@@ -46,13 +47,6 @@ def finger_clearance(
             under = _segments_under_pad(points, offsets, places[k], reach)
         row[:] = _finger_clearance(points, ends, contact, direction, under, width, depth)
     return out
-
-
-def _segment_end_indices(offsets: Ints) -> Ints:
-    """(N,) index of the point that ends each segment."""
-    index: Ints = np.arange(1, offsets[-1] + 1)
-    index[offsets[1:] - 1] = offsets[:-1]
-    return index
 
 
 def _segments_under_pad(points: Floats, offsets: Ints, place: Floats, reach: float) -> NDArray[np.bool_]:
@@ -156,10 +150,7 @@ class Along:
             between = np.arctan2(np.abs(n[:, 0] * m[:, 1] - n[:, 1] * m[:, 0]), (n * m).sum(axis=1))
             self.turn = np.maximum(self.turn, between)
         self.cone = np.where(usable & (self.turn < angle), np.tan(np.clip(angle - self.turn, 0.0, None)), -1.0)
-        arms, tangents = (contacts - centre) / rho, np.column_stack([-normals[:, 1], normals[:, 0]])
-        forces = np.stack([normals + friction * tangents, normals - friction * tangents], axis=1)
-        torque = arms[:, None, 0] * forces[..., 1] - arms[:, None, 1] * forces[..., 0]
-        self.edges = np.concatenate([forces, torque[..., None]], axis=2)
+        self.edges = cone_edges((contacts - centre) / rho, normals, 1.0, friction)
 
     def step(self, i: int) -> float:
         """Px of arc length from a candidate to the next."""
