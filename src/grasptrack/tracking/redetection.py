@@ -101,8 +101,9 @@ class Keypoints:
         self._image, self._found = levels, self._own  # the last image that was searched
 
     def _detect_keypoints(self, grey: Grey, mask: Grey | None = None, most: int = MAX_KEYPOINTS) -> Any:
-        """Keypoints of an image and their descriptions."""
-        return cv2.SIFT.create(most, contrastThreshold=KEYPOINT_CONTRAST).detectAndCompute(grey, mask)
+        """(n, 2) px of the keypoints of an image, and their descriptions (n, 128); None where there are none."""
+        found, descriptors = cv2.SIFT.create(most, contrastThreshold=KEYPOINT_CONTRAST).detectAndCompute(grey, mask)
+        return np.array([point.pt for point in found], np.float32), descriptors
 
     def find_pose(self, levels: list[Grey]) -> Floats | None:
         """(3, 3) a pose on which enough keypoints of an image's pyramid agree, or None."""
@@ -130,8 +131,8 @@ class Keypoints:
         good = [a for a, b in (p for p in pairs if len(p) == 2) if a.distance < BETTER_MATCH * b.distance]
         if len(good) < MIN_KEYPOINTS:
             return None
-        source = np.array([known_points[m.queryIdx].pt for m in good], np.float32)
-        place = np.array([points[m.trainIdx].pt for m in good], np.float32)
+        source = known_points[[m.queryIdx for m in good]]
+        place = points[[m.trainIdx for m in good]]
         H, inliers = cv2.findHomography(source, place, cv2.USAC_FAST, KEYPOINT_REACH)
         if H is None or inliers.sum() < MIN_KEYPOINTS:
             return None
