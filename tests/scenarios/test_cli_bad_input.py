@@ -72,7 +72,7 @@ OPTIONS = [
     ("track", ["--start", "-1"], ["--start", "0"]),
     ("track", ["--start", "later"], ["--start", "integer"]),
     ("track", ["--start", "2"], ["has 2 images", "no frame 2"]),
-    ("track", ["--next", "--grasp", "1,2 3,4 5,6 7,8"], ["4", "give the contacts"]),
+    ("track", ["--next", "--grasp", "1,2 3,4 5,6 7,8"], ["4", "give 2 or 3 contacts"]),
     ("synthesize", ["--scale", "0"], ["--scale", "positive"]),
     ("synthesize", ["--scale", "nan"], ["--scale", "positive"]),
     ("track", ["--masks", "nowhere"], ["masks", "nowhere"]),

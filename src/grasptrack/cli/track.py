@@ -90,7 +90,7 @@ def track(
       grasptrack track video.mp4 --object 320,240 --not 300,180 --segmenter u2netp
       grasptrack track video.mp4 --outline "120,80 420,90 430,300 110,310"
       grasptrack track video.mp4 --risk 1e-5 --tolerance 2%
-      grasptrack track video.mp4 --start 20 --wait --next
+      grasptrack track video.mp4 --start 2 --wait --next
       grasptrack track video.mp4 --camera camera.yaml --length 120mm
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """

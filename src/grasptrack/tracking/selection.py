@@ -31,7 +31,7 @@ from grasptrack.tracking.patches import (
 )
 from grasptrack.tracking.target import Grey, Recipe, Target, as_grey, hidden_levels
 from grasptrack.transfer.alignment import turns_onto_itself
-from grasptrack.typing import Floats
+from grasptrack.typing import Bools, Floats
 
 MAX_PATCHES, MIN_PATCHES = 120, 30
 """Patches of texture at most on the finest level, half as many on each coarser one, but never fewer than these."""
@@ -49,8 +49,9 @@ RING_PLACES = 7.0
 """Places along the side of the first view, at which the background is looked at."""
 EDGE_REACH = 2
 """Work px beyond half a filter's width within which the first view's edges are looked for."""
-NORMAL_REACH, SAME_SIDE = 2.0, 0.5
-"""Spacings of samples within which edges beside one tell its normal, and least cosine between normals of one side of a part."""
+NORMAL_REACH, SAME_SIDE, NORMAL_SDS = 2.0, 0.5, 6.0
+"""Spacings of samples within which edges beside one tell its normal, least cosine between normals of one side of a part, and
+standard deviations by which both may differ."""
 NORMALS_TWICE = 2.0
 """Standard deviations by which noise is allowed to turn normals: it is measured by a factor of that."""
 FIRST_CELL, REGION, CELL_POWER = 2.0, 0.45, 1.6
@@ -106,7 +107,9 @@ def make_target(
     noise = camera_noise(image) if like is None else like.noise
     work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
     samples = sample_evenly(work)
+    normal_noise = _normal_noise(samples.noise, numbers)
     edges = _detect_edges(levels, A, samples.points, samples.normals, noise)
+    edges = edges.select(_normal_errors(edges.points, edges.normals) < NORMAL_SDS * normal_noise)
     points, normals = edges.points, edges.normals
     outline = work[0][0]
     mask: Grey = np.zeros((height, width), np.uint8)
@@ -122,7 +125,7 @@ def make_target(
         size / 2.0,
         noise,
         float(edges.half),
-        np.maximum(_normal_noise(samples.noise, numbers), NORMALS_TWICE * _normal_errors(points, normals)),
+        np.full(len(points), normal_noise),
         np.ascontiguousarray(points),
         np.ascontiguousarray(normals),
         np.ascontiguousarray(edges.contrast),
@@ -197,6 +200,11 @@ class _Edges(NamedTuple):
     half: int
     wanted: int
 
+    def select(self, kept: Bools) -> "_Edges":
+        """Some of them (n,)."""
+        points, normals, contrast, inner = (values[kept] for values in self[:4])
+        return self._replace(points=points, normals=normals, contrast=contrast, inner=inner)
+
 
 def _detect_edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float) -> _Edges:
     """The edges near samples of the outline, by a filter as wide as they are: a narrow one finds only noise on a wide edge."""
@@ -238,7 +246,10 @@ def _edges_by(levels: list[Grey], A: Floats, points: Floats, normals: Floats, no
 
 
 def _normal_errors(points: Floats, normals: Floats) -> Floats:
-    """(n,) rad between each normal and that of the edges beside it: they do not lie along a spur, or round a corner."""
+    """(n,) rad between each normal and that of the edges beside it, as on a spur of the outline or at a sharp corner.
+
+    By a normal that is none an outline seems to tell how far it slid along itself.
+    """
     if not len(points):
         return np.zeros(0)
     away = points[:, None] - points[None]
