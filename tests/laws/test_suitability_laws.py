@@ -308,21 +308,18 @@ def on(within: float, round_it: float) -> np.ndarray:
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
-    ("within", "round_it", "by"), [(0, 0, "nothing"), (1, 0, "surface"), (0, 1, "ground"), (1, 1, "surface")]
+    ("within", "round_it", "by"), [(0, 0, "nothing"), (1, 0, "surface"), (0, 1, "nothing"), (1, 1, "surface")]
 )
 def test_more_evidence_never_fixes_less_and_is_told_by_what_it_takes(within: int, round_it: int, by: str) -> None:
-    image, allowed = on(within, round_it), 6.0  # px: more than the ground alone leaves open
-    seen = inspect(image, tolerance=allowed)
+    seen = inspect(on(within, round_it))
     assert seen.settled is not None and seen.grasp is not None and seen.by == seen.settled.by == by
     outline, surface, ground = seen.settled.contact_deviations
     assert outline >= surface >= ground and outline > seen.grasp.limit
-    assert (surface <= seen.grasp.limit) == bool(within) and (ground <= seen.grasp.limit) == bool(within or round_it)
+    assert (surface <= seen.grasp.limit) == bool(within) and (ground <= seen.grasp.limit) == (by != "nothing")
+    assert (ground < 0.1 * outline) == bool(within or round_it)  # the ground alone leaves a disc's turn open by 1.5 px
     assert (seen.surface.settles, seen.ground.settles) == (surface, ground)
     assert (seen.level == "poor") == (within == 0) and (seen.strategy == "") == (by == "nothing")
-    assert (seen.located > 0.5) == (by != "nothing")  # by the ground alone, though less exactly
-    assert ("only the ground fixes it: on a belt it will be lost" in seen.verdict) == (by == "ground")
-    if by == "ground":  # with the last image as prior the homography carries the contacts, and the core judges
-        assert inspect(image, strategy="homography", tolerance=allowed).by == by
+    assert (seen.located > 0.5) == (by != "nothing")
 
 
 @pytest.mark.slow
