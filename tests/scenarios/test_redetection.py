@@ -22,8 +22,9 @@ from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.method import chosen_grasp
 from grasptrack_bench.scenes import Part, make_scene_cases, parts_from_silhouettes
-from grasptrack_bench.simulation import SHAPES, Shape
+from grasptrack_bench.simulation import SHAPES, Path, Scene, Shape
 from grasptrack_bench.simulation.scene import Guest
+from grasptrack_bench.simulation.textures import sample_look
 from scenery import L_PLATE, SQUARE, drawn
 from scores import never_wrong
 from stages import HEIGHT, WIDTH, Run, mirrored, photo, pose, twin
@@ -266,6 +267,18 @@ def test_its_surroundings_tell_it_from_its_equals(repeat: int, dark: int, taken:
             assert np.hypot(*(seen - scene[k].carry(contacts)).T).max() < 3.0
             found.append(k)
     assert (lit + 2 in found) is not taken and (max(found) < lit) is taken
+
+
+def test_dark_images_of_a_view_beyond_whose_horizon_surroundings_lie_end_no_run() -> None:
+    """So steep that part of what surrounds the object in its plane is not before the camera."""
+    frames, steep, look = 36, math.radians(78.0), sample_look("bracket", 1)
+    still, tilt = np.zeros(frames), np.minimum(np.arange(frames) / 27.0, 1.0) * steep
+    path = Path(np.zeros((frames, 2)), still + 2.2, still, tilt, still + 0.7)
+    scene = Scene(BRACKET, path, table=look.table, surface=look.surface, seed=1)
+    run = Run(grasp=chosen_grasp(scene[0].outline))
+    for k in range(frames):
+        run.see(np.full_like(scene[k].image, 20) if 30 <= k < 33 else scene[k].image, None)
+    assert run.statuses[:30] == ["tracked"] * 30 and "tracked" not in run.statuses[30:33]
 
 
 @pytest.mark.slow

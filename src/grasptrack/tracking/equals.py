@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.pose import PLACE_FREEDOMS, PoseEstimate, worst_variance
+from grasptrack.tracking.pose import PLACE_FREEDOMS, PoseEstimate, carried_in_front, worst_variance
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats
@@ -61,7 +60,10 @@ def alias_probability(state: TrackState, estimate: PoseEstimate, way: Way, shows
     parts = np.array(
         [*known, *(-e for e in state.equals if not _is_near(-e, known, near) and not _is_in_view(state, first, -e))]
     )
-    before = apply_homography(way.G, parts + target.work_contacts.mean(axis=0))
+    before = carried_in_front(way.G, parts + target.work_contacts.mean(axis=0))
+    parts, before = parts[(seen := np.isfinite(before[:, 0]))], before[seen]
+    if not seen[0]:  # the object itself would lie behind the camera
+        return 0.0
     ways = (np.hypot(*(np.array(estimate.middle) - before).T) ** 2).clip(
         worst_variance(estimate.covariance)
     ) / estimate.area
@@ -125,7 +127,10 @@ def complete_row(target: Target, G: Floats, middles: list[tuple[float, float]], 
         middles: of its contacts (x, y) px, as they would be on those that were found.
         shows: whether the image shows a part at a pose.
     """
-    found = apply_homography(np.linalg.inv(G), np.array(middles)) - target.work_contacts.mean(axis=0)
+    found = carried_in_front(np.asarray(np.linalg.inv(G), np.float64), np.array(middles)) - target.work_contacts.mean(
+        axis=0
+    )
+    found = found[np.isfinite(found[:, 0])]  # others lie in another plane
     row, apart = [np.zeros(2), *found], ONE_PLACE * target.size
     for step in [s for other in found for s in (other, -other)]:
         for start in list(row):
@@ -160,5 +165,5 @@ def _is_near(place: Floats, others: list[Floats], near: float) -> bool:
 def _is_in_view(state: TrackState, G: Floats, place: Floats) -> bool:
     """Whether an image would show all of a part that lies (2,) work px beside an object at a pose."""
     height, width = state.last.levels[0].shape
-    x, y = apply_homography(G, state.target.outline + place).T
+    x, y = carried_in_front(G, state.target.outline + place).T
     return bool(((x >= 0.0) & (x <= width - 1.0) & (y >= 0.0) & (y <= height - 1.0)).all())

@@ -159,19 +159,24 @@ def located_ground(state: TrackState, levels: list[Grey]) -> PoseFlow | None:
 def align_look(
     state: TrackState, look: Look, levels: list[Grey], starts: list[Hypothesis], Q: Floats, places: Floats
 ) -> PoseFlow | None:
-    """A look at some places (n, 2), work px, laid on this image; None where too few of them agree."""
+    """A look at some places (n, 2), work px, laid on this image; None where too few of them agree, or none would be in front."""
     if len(places) < MIN_PLACES:
         return None
-    best, wide, target = None, Q * WIDER_START, state.target
+    best: PoseFlow | None = None
+    wide, target = Q * WIDER_START, state.target
     for start in starts:
-        found = target.handle.follow(look.levels, look.G, levels, start.G, wide, places, target.corner_strides)
+        found: PoseFlow = target.handle.follow(
+            look.levels, look.G, levels, start.G, wide, places, target.corner_strides
+        )
         if not found.valid or found.agreeing * len(places) < MIN_PLACES:
             continue
         if best is None or found.agreeing > best.agreeing:
             best = found
         if best.agreeing > PLENTY_AGREE:
             break
-    return None if best is None or best.agreeing < ENOUGH_AGREE else best
+    if best is None or best.agreeing < ENOUGH_AGREE or not seen_area(best.G, target.outline) > 0.0:
+        return None
+    return best
 
 
 class Solutions:

@@ -9,6 +9,7 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.equality import compared_by_value
+from grasptrack.geometry.homographies import HORIZON
 from grasptrack.kernels import PoseEstimate as PoseEstimate
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Target
@@ -89,6 +90,13 @@ def sane_area(target: Target, G: Floats) -> float:
     """px^2 of the outline; 0 unless G is a view of the plane's front, before the camera, at a size to be seen."""
     area = kernels.seen_area(G, target.outline)
     return area if SMALLEST_AREA < area / target.area < LARGEST_AREA else 0.0
+
+
+def carried_in_front(G: Floats, points: Floats) -> Floats:
+    """(n, 2) px where a pose G (3, 3) has points (n, 2) work px; NaN of those that are not before the camera."""
+    w = points @ G[2, :2] + G[2, 2]
+    scale = np.where(w > HORIZON, w, np.nan)
+    return np.asarray((points @ G[:2, :2].T + G[:2, 2]) / scale[:, None], dtype=np.float64)
 
 
 def mean_point(points: Floats) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.plane import Plane
-from grasptrack.tracking.pose import Look
+from grasptrack.tracking.pose import Look, sane_area
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Bools, Floats
 
@@ -376,7 +376,7 @@ class TrackState:
             return None
         G, velocity, steps = self.coasting
         moved = np.asarray(self.target.handle.moved(G, velocity * (steps + self.steps)), dtype=np.float64)
-        return moved if math.isfinite(float(moved.sum())) else None
+        return moved if sane_area(self.target, moved) else None
 
     @property
     def has_left(self) -> bool:

@@ -11,7 +11,7 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import PoseFlow, seen_area
 from grasptrack.tracking.evidence import pose_evidence
 from grasptrack.tracking.hypotheses import align_look
-from grasptrack.tracking.pose import SAME_PLACE, Hypothesis, PoseEstimate, is_at
+from grasptrack.tracking.pose import SAME_PLACE, Hypothesis, PoseEstimate, carried_in_front, is_at, sane_area
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
@@ -52,7 +52,7 @@ def ground_of_surroundings(
     starts = [estimate.G for estimate in _likeliest_places(state, estimates)]
     for start in starts if ground is None else [ground, *starts]:
         found = _laid_at(state, levels, start)
-        if found is None:
+        if found is None or not sane_area(target, found.G):
             continue
         chance = _chance_agreement(state) if chance is None else chance
         told.append((numbers.temper * _agreement(state, found).log_odds(chance), found.G))
@@ -86,7 +86,7 @@ def _laid_at(state: TrackState, levels: list[Grey], G: Floats) -> PoseFlow | Non
 def _agreement(state: TrackState, found: PoseFlow) -> _Agreement:
     """Of the places in both images those that agree."""
     height, width = state.located.levels[0].shape
-    x, y = apply_homography(state.located.G, state.target.ring).T
+    x, y = carried_in_front(state.located.G, state.target.ring).T
     shown = np.count_nonzero((x >= 0.0) & (y >= 0.0) & (x < width) & (y < height))
     agreeing = found.agreeing * shown
     return _Agreement(agreeing, max(agreeing, float(found.used)))
