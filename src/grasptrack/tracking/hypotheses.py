@@ -159,7 +159,7 @@ def located_ground(state: TrackState, levels: list[Grey]) -> PoseFlow | None:
 def align_look(
     state: TrackState, look: Look, levels: list[Grey], starts: list[Hypothesis], Q: Floats, places: Floats
 ) -> PoseFlow | None:
-    """A look at some places (n, 2), work px, laid on this image; None where too few of them agree, or none would be in front."""
+    """A look at some places (n, 2), work px, laid on this image; None where too few agree, or it would not be in front."""
     if len(places) < MIN_PLACES:
         return None
     best: PoseFlow | None = None
