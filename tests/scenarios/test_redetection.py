@@ -8,6 +8,8 @@ from typing import cast
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from datasets import SILHOUETTES
 from grasptrack import GraspTracker
@@ -19,6 +21,7 @@ from grasptrack.tracking.pose import PoseEstimate, largest_sigma
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import decide_single, pose_hypothesis, single_estimate, turned_hypotheses
 from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.surroundings import Agreement
 from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.method import chosen_grasp
 from grasptrack_bench.scenes import Part, make_scene_cases, parts_from_silhouettes
@@ -267,6 +270,41 @@ def test_its_surroundings_tell_it_from_its_equals(repeat: int, dark: int, taken:
             assert np.hypot(*(seen - scene[k].carry(contacts)).T).max() < 3.0
             found.append(k)
     assert (lit + 2 in found) is not taken and (max(found) < lit) is taken
+
+
+def tray(moved: tuple[float, float], seed: int) -> np.ndarray:
+    """Four by four plates of `belt`, each in the same pocket of a tray that has moved, px, and ends in view."""
+    pocket = np.array([[-18.0, -16], [84, -16], [84, 82], [-18, 82]])
+    image = np.full((480, 640), 170, np.uint8)
+    for corners, grey in ((pocket, 140), (PLATE, 60)):
+        for i, j in np.ndindex(4, 4):
+            at = corners + np.array([70.0 + 130.0 * i, 30.0 + 108.0 * j]) + moved
+            cv2.fillPoly(image, [np.rint(at * 16.0).astype(np.int32)], grey, cv2.LINE_AA, 4)
+    image = cv2.GaussianBlur(image, (0, 0), 0.8)
+    return np.clip(image + np.random.default_rng(seed).normal(0, 1.2, image.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("step", [(0.0, 0.0), (130.0, 0.0), (-130.0, 108.0), (43.0, 13.0)])
+def test_surroundings_that_repeat_with_its_equals_do_not_tell_them_apart(step: tuple[float, float]) -> None:
+    tracker = GraspTracker(outline=PLATE + np.array([330.0, 138.0]))
+    first = tracker.update(tray((0.0, 0.0), 0)).contacts
+    assert first is not None
+    lit = [(0.5 * k, 0.2 * k) for k in range(1, 8)]
+    for k, moved in enumerate([*lit, None, None, None, *((4.0 + step[0], 1.6 + step[1]) for _ in range(5))], 1):
+        contacts = tracker.update(np.full((480, 640), 15, np.uint8) if moved is None else tray(moved, k)).contacts
+        assert contacts is None or (moved is not None and np.hypot(*(contacts - first - moved).T).max() < 3.0)
+
+
+@given(
+    agreeing=st.floats(0.0, 1.0), more=st.floats(0.0, 1.0), chance=st.floats(0.01, 0.99), places=st.integers(10, 400)
+)
+def test_surroundings_speak_for_a_place_only_where_more_agrees_than_by_chance(
+    agreeing: float, more: float, chance: float, places: int
+) -> None:
+    n, few, many = float(places), agreeing * places, (agreeing + (1.0 - agreeing) * more) * places
+    odds = Agreement(few, n).log_odds(chance)
+    assert odds <= Agreement(many, n).log_odds(chance) + 1e-9
+    assert agreeing > chance or odds < 1e-9
 
 
 def test_dark_images_of_a_view_beyond_whose_horizon_surroundings_lie_end_no_run() -> None:

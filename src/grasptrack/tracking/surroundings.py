@@ -20,19 +20,22 @@ MOST_PLACES = 3
 """Places in an image that may be the object's, of which the surroundings are looked at, those of the most evidence first."""
 ASIDE = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 """Sizes of the object by which a look is moved beside itself, for how much of it agrees by chance or as a pattern repeats."""
+SHARES = 200
+"""Shares of agreeing places over which is summed; a numerical accuracy."""
 
 
-class _Agreement(NamedTuple):
+class Agreement(NamedTuple):
     """So many of some places agree."""
 
     agreeing: float
     places: float
 
     def log_odds(self, chance: float) -> float:
-        """Of the same surroundings, of which any share may agree, against others, of which a share does by chance."""
+        """Of the same surroundings, of which any larger share may agree, against others, of which a share does by chance."""
         k, n = self.agreeing, self.places
-        same = math.lgamma(k + 1.0) + math.lgamma(n - k + 1.0) - math.lgamma(n + 2.0)
-        return same - k * math.log(chance) - (n - k) * math.log1p(-chance)
+        shares = chance + (1.0 - chance) * (np.arange(SHARES) + 0.5) / SHARES
+        odds = k * np.log(shares / chance) + (n - k) * np.log((1.0 - shares) / (1.0 - chance))
+        return float(np.logaddexp.reduce(odds)) - math.log(SHARES)
 
 
 def ground_of_surroundings(
@@ -83,13 +86,13 @@ def _laid_at(state: TrackState, levels: list[Grey], G: Floats) -> PoseFlow | Non
     return align_look(state, state.located, levels, [Hypothesis("background", G, Q)], Q, state.target.ring)
 
 
-def _agreement(state: TrackState, found: PoseFlow) -> _Agreement:
+def _agreement(state: TrackState, found: PoseFlow) -> Agreement:
     """Of the places in both images those that agree."""
     height, width = state.located.levels[0].shape
     x, y = carried_in_front(state.located.G, state.target.ring).T
     shown = np.count_nonzero((x >= 0.0) & (y >= 0.0) & (x < width) & (y < height))
     agreeing = found.agreeing * shown
-    return _Agreement(agreeing, max(agreeing, float(found.used)))
+    return Agreement(agreeing, max(agreeing, float(found.used)))
 
 
 def _chance_agreement(state: TrackState) -> float:
