@@ -237,6 +237,33 @@ def test_a_row_that_a_hand_shakes_or_that_speeds_up_is_followed(way: list[float]
     assert followed(way) == len(way)
 
 
+@pytest.mark.parametrize(
+    ("step", "dark", "told", "found"),
+    [
+        (70.0, 0, None, []),
+        (70.0, 0, 1.0, [1, 2, 3]),
+        (-140.0, 0, 0.97, [1, 2]),
+        (25.0, 4, None, []),
+        (25.0, 4, 1.0, [1, 6, 7]),
+        (25.0, 4, -1.0, []),
+    ],
+)
+def test_how_a_belt_moves_tells_which_of_its_equals_it_is(
+    step: float, dark: int, told: float | None, found: list[int]
+) -> None:
+    """From its second image on, and after images that show nothing; and where that is told wrong nothing is given."""
+    tracker = GraspTracker(object_at=(365.0, 230.0), belt=None if told is None else (30.0 * step * told, 0.0))
+    first = tracker.update(belt(320.0, 160.0, 0, 2)).contacts
+    assert first is not None
+    shown = []
+    for k in range(1, 4 + dark):
+        image = np.full((480, 640), 12, np.uint8) if 2 <= k < 2 + dark else belt(320.0 + k * step, 160.0, k, 2)
+        if (contacts := tracker.update(image).contacts) is not None:
+            assert np.hypot(*(contacts - first - (k * step, 0.0)).T).max() < 3.0
+            shown.append(k)
+    assert shown == found
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not SILHOUETTES.is_dir(), reason="needs the silhouettes of ../shared/data")
 def test_an_equal_beside_the_object_that_a_hand_covers_is_not_taken_for_it() -> None:

@@ -32,7 +32,7 @@ REMEDIES = {
     "outline-open": "look at the first outline in overlay.mp4: say which is meant (--outline, a mask), or give --grasp",
     "other-surface": "avoid glare and hard shadows; where the object was exchanged, start anew",
     "ambiguous": "put a mark on the object that tells its turn, or keep the ground's texture in view",
-    "lookalike": "keep equal parts apart, and start while only one of them is in view, or all are at rest",
+    "lookalike": "keep equal parts apart, start while one is in view or all are at rest, say how a belt moves (--belt)",
     "no-transfer": "use --strategy auto, which needs neither peaks of curvature nor the whole outline",
     "strategy-off": "use --strategy auto: this strategy of the paper is not exact for this motion",
     "off-outline": "use --strategy auto: this strategy of the paper is not exact for this motion",

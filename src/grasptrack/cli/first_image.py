@@ -153,13 +153,13 @@ class FirstImageOptions:
         """
         from grasptrack.first_image import FirstImage
 
-        on = [parse_point(text, "--object") for text in self.object_at or ()]
+        on = [parse_pair(text, "--object") for text in self.object_at or ()]
         if bool(on) + (self.box is not None) + (self.outline is not None) > 1:
             raise InputError("--object, --box and --outline all say which object is meant: give one of them")
         with by_option():
             return FirstImage.of(
                 on,
-                not_at=[parse_point(text, "--not") for text in self.not_at or ()],
+                not_at=[parse_pair(text, "--not") for text in self.not_at or ()],
                 box=None if self.box is None else _parse_rectangle(self.box, "--box"),
                 outline=None if self.outline is None else _parse_polygon(self.outline, "--outline"),
                 grasp=contacts,
@@ -233,15 +233,15 @@ def by_option() -> Iterator[None]:
         raise InputError(text, **error.values) from None
 
 
-def parse_point(text: str, option: str) -> Point:
-    """A pixel from "x,y".
+def parse_pair(text: str, option: str, wanted: str = "a pixel written x,y") -> Point:
+    """A pixel from "x,y", or two other numbers that an option wants.
 
     Raises:
         InputError: anything else.
     """
     numbers = _parse_numbers(text)
     if len(numbers) != 2:
-        raise InputError(f'{option} is a pixel written x,y, not "{text}"', text=text)
+        raise InputError(f'{option} is {wanted}, not "{text}"', text=text)
     return numbers[0], numbers[1]
 
 
@@ -253,7 +253,7 @@ def _parse_rectangle(text: str, option: str) -> Box:
 
 
 def _parse_polygon(text: str, option: str) -> list[Point]:
-    corners = [parse_point(corner, option) for corner in text.split()]
+    corners = [parse_pair(corner, option) for corner in text.split()]
     if len(corners) < 3:
         raise InputError(f'{option} is at least three corners written "x,y x,y x,y", not "{text}"', text=text)
     return corners
@@ -365,6 +365,7 @@ def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandS
         hand=hand.hand_for(grasp),
         camera=load_calibration(first.camera),
         length=None if known.length is None else parse_measure(known.length, "--length").value,
+        belt=None if known.belt is None else parse_pair(known.belt, "--belt", "a velocity in px/s written vx,vy"),
         pixel_aspect=known.pixel_aspect,
         resynthesize=grasp.resynthesize,
         tolerance=grasp.allowed_error(hand),

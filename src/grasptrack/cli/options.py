@@ -194,7 +194,7 @@ class FollowedGrasp(CarriedGrasp):
 
 @dataclass(frozen=True)
 class KnownGeometry:
-    """What a person has measured of object and camera."""
+    """What a person has measured of object, belt and camera."""
 
     length: Annotated[
         str | None,
@@ -202,6 +202,14 @@ class KnownGeometry:
             OBJECT,
             "L",
             "Length of the object, the longer side of its smallest enclosing rectangle, in mm, cm, m or in: 120mm.",
+        ),
+    ] = None
+    belt: Annotated[
+        str | None,
+        option(
+            OBJECT,
+            "VX,VY",
+            "How the belt that carries the object moves in the first image, in px/s: equal parts that pass are told apart.",
         ),
     ] = None
     pixel_aspect: Annotated[

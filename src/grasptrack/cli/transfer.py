@@ -94,7 +94,7 @@ def transfer(
     contacts, count = grasp.given_contacts(), grasp.finger_count()
     hidden, calibration = first_image.read_ignored(ignore), first_image.load_calibration(camera)
     pixels = ((object_a, "--object"), (object_b, "--object-b"))
-    places = [None if text is None else first_image.parse_point(text, written) for text, written in pixels]
+    places = [None if text is None else first_image.parse_pair(text, written) for text, written in pixels]
     meant = FirstImage.of(places[0], grasp=contacts, ignore=hidden), FirstImage.of(places[1], ignore=hidden)
     images = [first_image.only_image(name, "transfer takes two images").image for name in (image_a, image_b)]
     prepare_folder(output)

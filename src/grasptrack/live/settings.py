@@ -32,6 +32,7 @@ class Settings:
     segmenter: Segmenter | None = None
     camera: Camera | None = None
     length: float | None = None
+    belt: tuple[float, float] | None = None
     pixel_aspect: float | None = None
     resynthesize: bool = False
     tolerance: Length | None = None

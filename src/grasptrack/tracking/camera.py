@@ -81,12 +81,14 @@ class Beforehand:
         scale: (3, 3) its covariance, where the slopes are Gaussian, as the focal length's log always is.
         freedom: of the slopes' t distribution, above 2, the scale then being its own; infinite where they are Gaussian.
         aspect: width of a pixel for each unit of its height, where it is told; None where views shall tell.
+        belt: (2,) px/s, how a belt on which the object lies moves in the first view; None where that is not told.
     """
 
     theta: Floats
     scale: Floats
     freedom: float = math.inf
     aspect: float | None = None
+    belt: Floats | None = None
 
     @staticmethod
     def of_unknown(numbers: Numbers) -> Beforehand:

@@ -238,7 +238,8 @@ def lookalike_probability(state: TrackState, estimate: PoseEstimate, expected: E
     unseen = state.numbers.lookalike
     if not (state.lookalike or state.beside):
         return unseen
-    if is_at(estimate, mean_point(expected.contacts)) and not (state.lost and state.lookalike):
+    which_is_open = state.lost and state.lookalike and state.carried_by_belt() is None
+    if is_at(estimate, mean_point(expected.contacts)) and not which_is_open:
         return unseen
     left = departure_probability(expected.steps, state.numbers) if state.lookalike else 1.0
     return max(unseen, SEEN_LIKE * left)

@@ -107,6 +107,7 @@ def first_state(
         blur_share=numbers.blur_share,
         usual=[np.zeros(n) for n in target.counts],
         time=time,
+        belt=before.belt,
     )
     own = estimate_pose(state, levels, Hypothesis("first", target.A, state.P))
     if own is not None:

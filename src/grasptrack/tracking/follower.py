@@ -344,6 +344,8 @@ class Follower:
             unseen, adrift = state.wander * (state.adrift + passed), 0.0
         elif predictions.background is not None and state.anchored:
             unseen, adrift = state.unseen + state.wander, 0.0
+        elif state.carried_by_belt() is not None:
+            unseen, adrift = state.strayed, state.adrift + passed
         else:
             unseen, adrift = state.unseen + passed * state.pace, state.adrift + passed
         G = self._expected_pose(predictions)
@@ -353,10 +355,9 @@ class Follower:
         steps, taken = ANYWHERE_STEPS if state.gone else unseen, state.lost + passed if state.lost else 0.0
         expected = Expected(target.carried_contacts(G), presence, steps, size, taken)
         coasted = state.coasted() if state.lost else None
-        if coasted is None or state.coasting is None:
+        if coasted is None:
             return expected
-        strayed = (state.coasting.steps + passed) * math.sqrt(state.strays.value)
-        return expected._replace(coasting=target.carried_contacts(coasted), strayed=strayed)
+        return expected._replace(coasting=target.carried_contacts(coasted), strayed=state.strayed)
 
     def _expected_pose(self, predictions: Predictions) -> Floats:
         """(3, 3) where it is expected: as it moved, or, once it is lost, where the background has its place."""
@@ -364,7 +365,8 @@ class Follower:
             return predictions.first[0].G
         if predictions.background is not None and (self.state.anchored or predictions.anew):
             return predictions.background
-        return self.state.expected
+        carried = self.state.carried_by_belt()
+        return self.state.expected if carried is None else carried
 
     def _look_if_gone(self, levels: list[Grey], predictions: Predictions, solutions: Solutions) -> None:
         """What is expected changes where its place is seen without it."""

@@ -409,9 +409,10 @@ def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats) ->
     def of_ground(values: Floats, level: float) -> float:
         return float(np.mean(np.abs(values[np.isfinite(values)] - level) < LEVEL_SPREADS * spread))
 
-    if not of_ground(inside, level) < 0.5:  # they look the same
+    now = level + change
+    if not of_ground(min(1.0, now / max(level, 1.0)) * inside, now) < 0.5:  # in this light they look the same
         return False
-    level += change
+    level = now
     return of_ground(ground_now, level) > STILL_BACKGROUND and of_ground(inside_now, level) > NOW_BACKGROUND
 
 

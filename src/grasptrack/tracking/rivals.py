@@ -66,14 +66,15 @@ class Rivals:
             return decision
         ground = predictions.background if state.anchored or predictions.anew or not state.lost else None
         if ground is not None:
-            carried = self.state.target.carried_contacts(ground)
-            if max_contact_distance(e.contacts, carried) < decision.tolerance:
+            if max_contact_distance(e.contacts, state.target.carried_contacts(ground)) < decision.tolerance:
                 return decision
             if (state.lost or predictions.anew) and self._lay_there(e, ground):
                 return decision.with_alias(SHOWN_RIGHT)
         if not (len(state.equals) or (e.origin not in CONTINUOUS and self.shows_equals(state.located))):
             return decision
-        if state.lost:
+        if (carried := state.carried_by_belt()) is not None:
+            way = Way(carried, state.located.G, (state.numbers.travel * state.strayed) ** 2)
+        elif state.lost:
             way = Way(pose, pose, (state.numbers.travel * steps) ** 2)
         else:
             spread = None if even is None else state.agility * state.drifted

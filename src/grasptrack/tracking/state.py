@@ -256,6 +256,7 @@ class TrackState:
         usual: of each patch of the three finest levels: its correlation of late.
         time, interval: s, of the last image; a usual time between images.
         visible: (N,) probability of each sample of the outline to be visible in the last image; empty where that is not known.
+        belt: (2,) px/s, how the belt on which it lies moves in the first view, where that is told; None otherwise.
         velocity: (8,) the pose's change in a usual interval, work px at the half size; None where it is not known.
         velocity_P: (8, 8) covariance of its error.
         moved: work px that a contact moved in a usual interval, root mean square, in the last image and in the one before: a
@@ -311,6 +312,7 @@ class TrackState:
     blur_share: float
     usual: list[Floats]
     time: float | None
+    belt: Floats | None = None
     interval: float | None = None
     stale: FadingRatio = field(default_factory=lambda: FadingRatio(0.0, STALE_PRIOR))
     fixed: FadingRatio = field(default_factory=lambda: FadingRatio(0.0, STALE_PRIOR))
@@ -378,6 +380,16 @@ class TrackState:
         moved = np.asarray(self.target.handle.moved(G, velocity * (steps + self.steps)), dtype=np.float64)
         return moved if sane_area(self.target, moved) else None
 
+    def carried_by_belt(self) -> Floats | None:
+        """(3, 3) the same where a person has told how its belt moves, so that it did."""
+        return None if self.belt is None or not self.lost else self.coasted()
+
+    @property
+    def strayed(self) -> float:
+        """How far it may have left that in the next image, in what an unseen object goes in a frame."""
+        since = 0.0 if self.coasting is None else self.coasting.steps
+        return (since + max(1.0, self.steps)) * math.sqrt(self.strays.value)
+
     @property
     def has_left(self) -> bool:
         """Whether it went out over the border of the image, and did not come back at once."""
@@ -421,6 +433,16 @@ class TrackState:
             self.interval = passed if self.interval is None else min(self.interval, passed)
             self.time = time
             self.steps, self.passed_s = passed / self.interval, passed
+        if self.belt is not None and not self.lost:
+            self.velocity = self._velocity_of_belt(self.belt)
+
+    def _velocity_of_belt(self, belt: Floats) -> Floats | None:
+        """(8,) the velocity of what goes with a belt (2,) px/s, in the plane in which that moves."""
+        moved = np.eye(3)
+        moved[:2, 2] = belt * self.passed_s
+        moved = self.target.pose(self.target.homography(self.last.G) @ moved)
+        velocity: Floats = self.target.pose_difference(self.last.G, moved) / max(self.steps, SHORTEST_STEP)
+        return velocity if math.isfinite(float(velocity @ velocity)) else None
 
     def shutter_bend(self, levels: list[Grey], G: Floats) -> Floats:
         """(3, 8) how a rolling shutter bends the object in the image of this pyramid, seen about a pose (3, 3)."""

@@ -118,6 +118,8 @@ class GraspTracker:
             it. Results then tell their `distance` in this unit.
         pixel_aspect: width of a pixel over its height, as of an image that was squeezed; a calibration says it itself. Without
             it views that differ tell, and the notice "not-pinhole".
+        belt: (x, y) px/s, how a belt that carries the object moves in the first image, known beforehand. The object is expected
+            where it has gone by then, after any gap; without it every view has to show how it moves.
         tolerance: by which a contact may be off, in their place: px, a Length or a text such as
             "5%"; mm need the scale of `hand`. It is one on the object, as the image shows that in which the grasp is chosen,
             and goes with its size.
@@ -158,6 +160,7 @@ class GraspTracker:
         resynthesize=arguments.truth,
         wait=arguments.truth,
         next_object=arguments.truth,
+        belt=arguments.optional(arguments.array(2)),
     )
     def __init__(
         self,
@@ -187,6 +190,7 @@ class GraspTracker:
         tolerance: Length | float | str | None = None,
         wait: bool = False,
         next_object: bool = False,
+        belt: ArrayLike | None = None,
     ) -> None:
         given = None if grasp is None else Grasp(grasp)  # before the number of fingers, which it sets
         self.fingers = _checked_fingers(fingers if given is None else len(given), strategy, given)
@@ -228,6 +232,7 @@ class GraspTracker:
             first_look_ms=first_look_ms,
         )
         self._wish = Wish(said, self.fingers, strategy, friction, hand, choose, regions, self.risk, allowed, wait)
+        self._belt = None if belt is None else np.asarray(belt, dtype=np.float64)
         self._resynthesize, self._next, self._camera = resynthesize, next_object, camera
         self._lens: Undistortion | None = None
         self._shape: tuple[int, ...] | None = None
@@ -313,7 +318,7 @@ class GraspTracker:
 
     def _begin_tracking(self, moment: _Moment, *, masked: bool) -> TrackResult:
         """Choose the object and a grasp on it."""
-        before, self._plane = self._known_camera(), None
+        before, self._plane = self._known_beforehand(), None
         wish = replace(self._wish, friction=self.friction)
         first = first_view(self._observer, wish, masked)
         self._wish = replace(self._wish, plane=None, said=replace(wish.said, more=()))  # later they would lie otherwise
@@ -449,13 +454,11 @@ class GraspTracker:
         self._frame, self._wish = self._frame + 1, replace(self._wish, said=said)
         return grey
 
-    def _known_camera(self) -> Beforehand | None:
-        """What is known of camera and tilt: by the grasp before, or what the calibration says of the focal length."""
-        if self._plane is not None:
-            return self._plane
-        if self._lens is not None:
-            return Beforehand.by_calibration(self._lens.focal, NUMBERS)
-        return replace(Beforehand.of_unknown(NUMBERS), aspect=self.pixel_aspect)
+    def _known_beforehand(self) -> Beforehand:
+        """What is known of camera and tilt, by the grasp before or by the calibration, and of the belt."""
+        told = None if self._lens is None else Beforehand.by_calibration(self._lens.focal, NUMBERS)
+        before = told or replace(Beforehand.of_unknown(NUMBERS), aspect=self.pixel_aspect)
+        return replace(self._plane or before, belt=self._belt)
 
     def _seen_candidates(self, found: list[Candidate]) -> list[Candidate]:
         """Candidates in px of the images as they are, those that a person would tell apart."""
