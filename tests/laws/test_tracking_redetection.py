@@ -12,7 +12,7 @@ from grasptrack import GraspTracker
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower
-from grasptrack.tracking.pose import Hypothesis, max_contact_distance
+from grasptrack.tracking.pose import Hypothesis, Look, max_contact_distance, share_in_view
 from grasptrack.tracking.redetection import MATCHED, MAX_SOLVED, MAX_WAYS, Keypoints, wide_prior
 from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.simulation import SHAPES, Shape
@@ -141,6 +141,36 @@ def test_what_slides_along_itself_keeps_its_tilt() -> None:
         assert max_contact_distance(target.carried_contacts(h.G), scene.at(H)) < 3.0
 
 
+def shows_equal_at_random(name: str, seed: int) -> bool:
+    """Of one that lies in the same plane in any turn, more than 0.7 of its outline in view: whether it is known, and where."""
+    rng = np.random.default_rng(seed)
+    at = pose(*rng.uniform((120, 90), (200, 150)), rng.uniform(0.0, 360.0), 60.0, rng.uniform(0.0, 15.0))
+    scene, held = begun(name, at, again=0), 0.0
+    while held < 0.7:
+        way, turn = rng.uniform(0.0, 2.0 * math.pi, 2)
+        c, s, far = math.cos(turn), math.sin(turn), rng.uniform(1.9, 3.0)
+        other = at @ np.array([[c, -s, far * math.cos(way)], [s, c, far * math.sin(way)], [0.0, 0.0, 1.0]])
+        held = share_in_view(other, outline(scene.shape.outer).points, FLAT)
+    state, target = scene.follower.state, scene.follower.target
+    look = Look(build_pyramid(photo([(scene.shape, at), (scene.shape, other)], seed=seed)), target.A)
+    if not scene.follower.rivals.shows_equals(look):
+        return False
+    place = np.linalg.inv(target.A) @ other @ np.linalg.inv(at) @ target.A
+    middle = apply_homography(place, target.work_contacts).mean(axis=0) - target.work_contacts.mean(axis=0)
+    return bool(np.hypot(*(state.equals - middle).T).min() < 0.1 * target.size)
+
+
+@pytest.mark.parametrize("name", ["bracket", "hook", "key", "half-disc", "spanner"])
+def test_an_equal_in_its_plane_is_known_whole_or_cut_by_the_border(name: str) -> None:
+    assert sum(shows_equal_at_random(name, seed) for seed in range(12)) >= 11
+
+
+@pytest.mark.parametrize("name", ["bracket", "gasket", "star"])
+def test_alone_in_view_it_has_no_equal(name: str) -> None:
+    scene = begun(name, pose(150.0, 110.0, 30.0, 60.0, 20.0), again=0)
+    assert not len(scene.follower.state.equals) and not scene.follower.state.lookalike
+
+
 def images_of_a_pack(seed: int) -> list[np.ndarray]:
     """A soft, small pack on an even belt."""
     rng = np.random.default_rng(seed)
@@ -196,7 +226,7 @@ def test_print_is_found_smaller_and_turned_among_stronger_corners(seed: int) -> 
     first, now = (pose_of_card(x, degrees, scale) for x, degrees, scale in ((120.0, 5.0, 1.0), (400.0, 60.0, 0.7)))
     view = View([outline(apply_homography(first, corners))])
     target = Follower(seen(first), view, apply_homography(first, corners[[0, 2]])).target
-    G = Keypoints(target, build_pyramid(seen(first))).find_pose(build_pyramid(seen(now)))
+    G = Keypoints(target, build_pyramid(seen(first))).find_pose(build_pyramid(seen(now)), turn=1)
     assert G is not None
     places = apply_homography(target.homography(G) @ first, corners)
     assert places == pytest.approx(apply_homography(now, corners), abs=3.0)

@@ -299,6 +299,28 @@ def test_its_surroundings_tell_it_from_its_equals(repeat: int, dark: int, taken:
     assert (lit + 2 in found) is not taken and (max(found) < lit) is taken
 
 
+@pytest.mark.parametrize("dark", [0, 3])
+@pytest.mark.parametrize("step", [(-90.0, 30.0), (-40.0, -10.0), (-150.0, 0.0)])
+def test_an_equal_that_the_border_cut_is_not_taken_for_what_was_taken_away(
+    step: tuple[float, float], dark: int
+) -> None:
+    """Nothing tells that the camera went there: the ground is even."""
+    plate, c, s = 0.6 * L_PLATE, math.cos(2.0), math.sin(2.0)
+    turned = plate @ np.array([[c, s], [-s, c]])
+
+    def seen(way: np.ndarray, seed: int, *, both: bool) -> np.ndarray:
+        centres = np.array([[110.0, 110.0], [292.0, 150.0]])[0 if both else 1 :] + way
+        return drawn(*[plate, turned][-len(centres) :], centres=tuple((x, y) for x, y in centres.tolist()), seed=seed)
+
+    tracker = GraspTracker(object_at=(90.0, 100.0))
+    for k in range(6):
+        assert tracker.update(seen(0.5 * k * np.ones(2), k, both=True)).located
+    for k in range(dark):
+        assert not tracker.update(drawn(centres=(), seed=k)).located
+    for k in range(8):
+        assert not tracker.update(seen(np.array(step) + 0.5 * k, k, both=False)).located
+
+
 def tray(moved: tuple[float, float], seed: int) -> np.ndarray:
     """Four by four plates of `belt`, each in the same pocket of a tray that has moved, px, and ends in view."""
     pocket = np.array([[-18.0, -16], [84, -16], [84, 82], [-18, 82]])

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.pose import PLACE_FREEDOMS, PoseEstimate, carried_in_front, worst_variance
+from grasptrack.tracking.pose import PLACE_FREEDOMS, PoseEstimate, carried_in_front, share_in_view, worst_variance
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats
@@ -164,6 +164,4 @@ def _is_near(place: Floats, others: list[Floats], near: float) -> bool:
 
 def _is_in_view(state: TrackState, G: Floats, place: Floats) -> bool:
     """Whether an image would show all of a part that lies (2,) work px beside an object at a pose."""
-    height, width = state.last.levels[0].shape
-    x, y = carried_in_front(G, state.target.outline + place).T
-    return bool(((x >= 0.0) & (x <= width - 1.0) & (y >= 0.0) & (y <= height - 1.0)).all())
+    return share_in_view(G, state.target.outline + place, state.last.levels[0]) == 1.0

@@ -99,6 +99,13 @@ def carried_in_front(G: Floats, points: Floats) -> Floats:
     return np.asarray((points @ G[:2, :2].T + G[:2, 2]) / scale[:, None], dtype=np.float64)
 
 
+def share_in_view(G: Floats, points: Floats, grey: Grey) -> float:
+    """Share of points (n, 2) work px that lie in an image (H, W), seen through a pose G (3, 3)."""
+    height, width = grey.shape
+    x, y = carried_in_front(G, points).T
+    return float(((x >= 0.0) & (x <= width - 1.0) & (y >= 0.0) & (y <= height - 1.0)).mean())
+
+
 def mean_point(points: Floats) -> tuple[float, float]:
     """(x, y) of points (k, 2), number by number: of so few NumPy's calls would cost more."""
     x = y = 0.0

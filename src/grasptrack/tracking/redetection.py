@@ -2,7 +2,7 @@
 """Where the object may be when continuity does not tell: shifted from its last look, by its keypoints or its outline."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -18,6 +18,7 @@ from grasptrack.segmentation.silhouettes import Silhouette
 from grasptrack.statistics import robust_sd
 from grasptrack.tracking.evidence import pose_evidence, wrong_object_probability
 from grasptrack.tracking.hypotheses import MIN_PLACES
+from grasptrack.tracking.placements import find_placements
 from grasptrack.tracking.pose import CONTINUOUS, TURNED, Hypothesis, Look, PoseEstimate, lead_alike, sane_area
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import GUESSED_TILT, Grey, Target, as_grey
@@ -54,8 +55,11 @@ GUESSED_SHAPE = 0.03
 """Share of sqrt(area), standard deviation of place and shape of a pose that was found."""
 MATCHED = "matched"
 """Origin of a hypothesis that lays the whole outline on one that was found."""
-KEYPOINT_SIZE = 62.0
-"""px, sqrt(area) that is left to an object when images are halved for keypoints: enough for a hundred of them on print."""
+KEYPOINT_SIZES = 31.0, 62.0
+"""px, sqrt(area) that is left to an object when images are halved for keypoints: SIFT doubles them, so that print has a
+hundred of them; and what is left for one that has become smaller, which takes four times as long."""
+FINE_TURNS = 8
+"""One of so many images of a loss is searched for a smaller one."""
 SCORE_SAMPLES = 64
 """Samples of the outline for a first score."""
 STRENGTH_KEPT = 0.25
@@ -79,64 +83,77 @@ STILL_BACKGROUND, NOW_BACKGROUND = 0.7, 0.8
 """Shares of the samples beside and within an empty place that show the background."""
 
 
+class _Keypoints(NamedTuple):
+    """Keypoints: (n, 2) px of the image, descriptions (n, 128) or None where there are none, and px in which they are told."""
+
+    points: Floats
+    descriptions: Any
+    unit: float
+
+
 class Keypoints:
     """Keypoints of the object in the first image, and of all that the last look at it shows, to be found anywhere.
 
     Args:
         target: the object.
-        levels: pyramid of the first image; they are looked for in the level that shows the object large enough.
+        levels: pyramid of the first image; they are looked for in the levels that show the object large enough.
     """
 
     def __init__(self, target: Target, levels: list[Grey]) -> None:
-        level = 0
-        while level + 1 < len(levels) and math.sqrt(target.area) >= KEYPOINT_SIZE * 2.0 ** (level + 1):
-            level += 1
-        self._target, self._level, grey = target, level, levels[level]
-        self._enlarge = np.diag([2.0**level, 2.0**level, 1.0])
-        mask = np.zeros_like(grey)
-        cv2.fillPoly(mask, [np.round(target.view.outer.points / 2.0**level).astype(np.int32)], 255)
-        self._own = self._detect_keypoints(grey, as_grey(cv2.dilate(mask, np.ones((9, 9), np.uint8))))
+        halved = [math.log2(max(1.0, math.sqrt(target.area) / size)) for size in KEYPOINT_SIZES]
+        self._coarse, self._fine = (min(int(level), len(levels) - 1) for level in halved)
+        self._target, self._own = target, dict[int, _Keypoints]()
+        for level in {self._coarse, self._fine}:
+            mask = np.zeros_like(levels[level])
+            cv2.fillPoly(mask, [np.round(target.view.outer.points / 2.0**level).astype(np.int32)], 255)
+            mask = as_grey(cv2.dilate(mask, np.ones((9, 9), np.uint8)))
+            self._own[level] = _detect_keypoints(levels[level], level, mask)
         self._look: Look | None = None
-        self._shown = self._own  # by the look
-        self._image, self._found = levels, self._own  # the last image that was searched
+        self._shown = self._own[self._coarse]  # by the look
+        self._image, self._found = levels, self._shown  # the last image that was searched
 
-    def _detect_keypoints(self, grey: Grey, mask: Grey | None = None, most: int = MAX_KEYPOINTS) -> Any:
-        """(n, 2) px of the keypoints of an image, and their descriptions (n, 128); None where there are none."""
-        found, descriptors = cv2.SIFT.create(most, contrastThreshold=KEYPOINT_CONTRAST).detectAndCompute(grey, mask)
-        return np.array([point.pt for point in found], np.float32), descriptors
-
-    def find_pose(self, levels: list[Grey]) -> Floats | None:
-        """(3, 3) a pose on which enough keypoints of an image's pyramid agree, or None."""
-        H = self._find_motion(self._own, levels)
+    def find_pose(self, levels: list[Grey], turn: int) -> Floats | None:
+        """(3, 3) a pose on which enough keypoints of an image's pyramid agree, or None; `turn`: images since it was lost."""
+        H = self._find_motion(self._own[self._level_in(turn)], levels, turn)
         return None if H is None else self._target.pose(H)
 
-    def find_ground(self, look: Look, levels: list[Grey]) -> Floats | None:
+    def find_ground(self, look: Look, levels: list[Grey], turn: int) -> Floats | None:
         """(3, 3) the pose of what lies as it lay in a look, by all that this shows; None where too little of it is found."""
         if self._look is not look:
-            self._look, self._shown = look, self._detect_keypoints(look.levels[self._level], most=MAX_SHOWN)
-        H = self._find_motion(self._shown, levels)
+            self._look = look
+            self._shown = _detect_keypoints(look.levels[self._coarse], self._coarse, most=MAX_SHOWN)
+        H = self._find_motion(self._shown, levels, turn)
         return None if H is None else H @ look.G
 
-    def _find_motion(self, known: Any, levels: list[Grey]) -> Floats | None:
+    def _level_in(self, turn: int) -> int:
+        return self._fine if turn % FINE_TURNS in (1, FINE_TURNS // 2) else self._coarse
+
+    def _find_motion(self, known: _Keypoints, levels: list[Grey], turn: int) -> Floats | None:
         """(3, 3) from the image of some keypoints to that of a pyramid, on which enough of them agree, or None."""
-        known_points, known_descriptors = known
-        if known_descriptors is None or len(known_descriptors) < MIN_KEYPOINTS:
+        if known.descriptions is None or len(known.points) < MIN_KEYPOINTS:
             return None
         if self._image is not levels:
-            self._image, self._found = levels, self._detect_keypoints(levels[self._level])
-        points, descriptors = self._found
-        if descriptors is None or len(points) < MIN_KEYPOINTS:
+            level = self._level_in(turn)
+            self._image, self._found = levels, _detect_keypoints(levels[level], level)
+        found = self._found
+        if found.descriptions is None or len(found.points) < MIN_KEYPOINTS:
             return None
-        pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(known_descriptors, descriptors, k=2)
+        pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(known.descriptions, found.descriptions, k=2)
         good = [a for a, b in (p for p in pairs if len(p) == 2) if a.distance < BETTER_MATCH * b.distance]
         if len(good) < MIN_KEYPOINTS:
             return None
-        source = known_points[[m.queryIdx for m in good]]
-        place = points[[m.trainIdx for m in good]]
-        H, inliers = cv2.findHomography(source, place, cv2.USAC_FAST, KEYPOINT_REACH)
+        source = known.points[[m.queryIdx for m in good]]
+        place = found.points[[m.trainIdx for m in good]]
+        H, inliers = cv2.findHomography(source, place, cv2.USAC_FAST, KEYPOINT_REACH * found.unit)
         if H is None or inliers.sum() < MIN_KEYPOINTS:
             return None
-        return np.asarray(self._enlarge @ H @ np.linalg.inv(self._enlarge), dtype=np.float64)
+        return np.asarray(H, dtype=np.float64)
+
+
+def _detect_keypoints(grey: Grey, level: int, mask: Grey | None = None, most: int = MAX_KEYPOINTS) -> _Keypoints:
+    """Keypoints of a level of an image's pyramid (H, W)."""
+    found, descriptions = cv2.SIFT.create(most, contrastThreshold=KEYPOINT_CONTRAST).detectAndCompute(grey, mask)
+    return _Keypoints(np.array([point.pt for point in found]).reshape(-1, 2) * 2.0**level, descriptions, 2.0**level)
 
 
 def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats]:
@@ -310,7 +327,7 @@ class Redetection:
         if turn % 3 == 0:
             others += [Hypothesis("shifted", G, wide) for G in shifted_looks(target, state.located, levels)]
         if _is_turn_of_keypoints(turn):
-            G = self._keypoints.find_pose(levels)
+            G = self._keypoints.find_pose(levels, turn)
             if G is not None:
                 others.append(Hypothesis("keypoints", G, wide))
         return found + self.promising(levels, [h for h in others if not self._is_known(h, found)])
@@ -320,10 +337,13 @@ class Redetection:
         poses = self._outlines.find_poses(levels[0], self._target.homography(look.G), turn, thorough=thorough)
         return [Hypothesis(MATCHED, G, wide_prior(self._target)) for G in poses]
 
-    def find_lookalikes(self, look: Look) -> list[Hypothesis]:
-        """Where a look at the object may show something just like it elsewhere; its own place may be among them."""
-        wide = wide_prior(self._target)
-        places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self._target, look, look.levels)]
+    def find_lookalikes(self, state: TrackState, look: Look) -> list[Hypothesis]:
+        """Where a look may show something just like the object, whole or in its plane; its own place may be among it."""
+        target, told = self._target, self._strength != 0.0
+        lighter = self._normals[told] * np.sign(self._strength[told])[:, None]
+        plane = np.ascontiguousarray(state.plane.rectifications.best @ target.A)
+        wide = wide_prior(target)
+        places = [Hypothesis("placed", G, wide) for G in find_placements(look, plane, self._points[told], lighter)]
         places += self.matches_in(look, look.levels)
         return self.promising(look.levels, places, len(places))
 
@@ -342,7 +362,9 @@ class Redetection:
 
     def find_ground(self, state: TrackState, levels: list[Grey]) -> Floats | None:
         """(3, 3) where what lies as it lay in the last look has the object, by keypoints; None in images that get no search."""
-        return self._keypoints.find_ground(state.located, levels) if _is_turn_of_keypoints(state.lost) else None
+        if not _is_turn_of_keypoints(state.lost):
+            return None
+        return self._keypoints.find_ground(state.located, levels, state.lost)
 
     def edge_share(self, grey: Grey, G: Floats, *, turned: bool = False) -> float:
         """Share of the outline at a pose (3, 3) that has an edge of its sign nearby in an image (H, W), quickly.

@@ -2,8 +2,8 @@
 """What may be taken for the object: its equals, parts of another size or lighter and darker ones, and how an image tells."""
 
 import math
-from collections.abc import Iterator
 
+import cv2
 import numpy as np
 
 from grasptrack.tracking.decision import Decision, other_size_probability
@@ -17,19 +17,23 @@ from grasptrack.tracking.pose import (
     Hypothesis,
     Look,
     PoseEstimate,
+    carried_in_front,
     is_at,
     max_contact_distance,
     mean_point,
+    share_in_view,
 )
 from grasptrack.tracking.redetection import SCORE_SAMPLES, Redetection
 from grasptrack.tracking.state import TrackState
-from grasptrack.tracking.target import Grey
+from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
 
 LOOKALIKE_EVIDENCE = 0.5
 """Share of the evidence for the object that something has to show to be just like it."""
 ALIKE_SHARE = 0.75
 """Share of the edges that the object shows, from which on a place shows a part."""
+OVERLAP, CELLS = 0.1, 64
+"""Share of its area that a part has in common with another one in its plane, at most: poses err. Cells of its width."""
 EITHER_SIGN = 0.5
 """Probability that an edge of another part is one from dark to light."""
 
@@ -132,18 +136,23 @@ class Rivals:
                 )
         return bool(len(state.equals))
 
-    def _find_lookalikes(self, look: Look) -> Iterator[PoseEstimate]:
+    def _find_lookalikes(self, look: Look) -> list[PoseEstimate]:
         """What a look at the object shows elsewhere that is just like it."""
         state = self.state
         own = estimate_pose(state, look.levels, Hypothesis("at rest", look.G, state.P))
         if own is None:
-            return
-        for hypothesis in self.redetection.find_lookalikes(look):
+            return []
+        found: list[PoseEstimate] = []
+        for hypothesis in self.redetection.find_lookalikes(state, look):
             other = estimate_pose(state, look.levels, hypothesis, still=True)
-            if other is None or is_at(own, other.middle):
+            if other is None or is_at(own, other.middle) or any(is_at(other, e.middle) for e in found):
                 continue
-            if pose_evidence(state, other) > LOOKALIKE_EVIDENCE * pose_evidence(state, own) > 0.0:
-                yield other
+            if _shared_area(state.target, other.G, look.G) > OVERLAP:  # both cannot lie there: it is seen by its edges
+                continue
+            held = share_in_view(other.G, state.target.outline, look.levels[0])
+            if pose_evidence(state, other) > LOOKALIKE_EVIDENCE * held * pose_evidence(state, own) > 0.0:
+                found.append(other)
+        return found
 
     def _lay_there(self, estimate: PoseEstimate, ground: Floats) -> bool:
         """Whether the last look at the object shows it, and what an estimate found as well, where the ground has that then."""
@@ -160,3 +169,16 @@ class Rivals:
         """Whether an image that shows the object at a pose shows a part at another one."""
         enough, share = ALIKE_SHARE * self.redetection.edge_share(grey, own), self.redetection.edge_share
         return lambda G: share(grey, G) >= enough
+
+
+def _shared_area(target: Target, one: Floats, other: Floats) -> float:
+    """Share of the object's area that two poses (3, 3) of it have in common."""
+    low, high = target.outline.min(axis=0), target.outline.max(axis=0)
+    to_other = np.asarray(np.linalg.inv(other) @ one, dtype=np.float64)
+    masks = []
+    for points in (target.outline, carried_in_front(to_other / to_other[2, 2], target.outline)):
+        cells = CELLS * (points[np.isfinite(points[:, 0])] - low) / (high - low)
+        mask: Grey = np.zeros((CELLS, CELLS), np.uint8)
+        cv2.fillPoly(mask, [np.round(np.clip(cells, -CELLS, 2 * CELLS)).astype(np.int32)], 1)
+        masks.append(mask)
+    return float((masks[0] & masks[1]).sum()) / max(float(masks[0].sum()), 1.0)

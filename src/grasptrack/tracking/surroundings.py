@@ -11,7 +11,7 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import PoseFlow, seen_area
 from grasptrack.tracking.evidence import pose_evidence
 from grasptrack.tracking.hypotheses import align_look
-from grasptrack.tracking.pose import SAME_PLACE, Hypothesis, PoseEstimate, carried_in_front, is_at, sane_area
+from grasptrack.tracking.pose import SAME_PLACE, Hypothesis, PoseEstimate, is_at, sane_area, share_in_view
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
@@ -88,10 +88,8 @@ def _laid_at(state: TrackState, levels: list[Grey], G: Floats) -> PoseFlow | Non
 
 def _agreement(state: TrackState, found: PoseFlow) -> Agreement:
     """Of the places in both images those that agree."""
-    height, width = state.located.levels[0].shape
-    x, y = carried_in_front(state.located.G, state.target.ring).T
-    shown = np.count_nonzero((x >= 0.0) & (y >= 0.0) & (x < width) & (y < height))
-    agreeing = found.agreeing * shown
+    look, ring = state.located, state.target.ring
+    agreeing = found.agreeing * len(ring) * share_in_view(look.G, ring, look.levels[0])
     return Agreement(agreeing, max(agreeing, float(found.used)))
 
 
