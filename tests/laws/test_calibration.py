@@ -2,6 +2,7 @@
 """A camera's lens: there and back, as OpenCV has it, and from every kind of file that users have."""
 
 import json
+import tempfile
 from pathlib import Path
 
 import cv2
@@ -163,6 +164,80 @@ def test_all_kinds_of_files_hold_the_same_camera(tmp_path: Path) -> None:
         assert camera.size == SIZE and camera.model == "brown" and camera.distorted
 
 
+OLD_OPENCV = "%YAML:1.0\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [{K}]\nD: [{D}]\n"
+INI = """# oST version 5.0 parameters
+
+[image]
+
+width
+640
+
+height
+480
+
+[cam]
+
+camera matrix
+{rows}
+
+distortion
+{d}
+"""
+EUROC = """sensor_type: camera
+T_BS:
+  cols: 4
+  rows: 1
+  data: [1.0, 0.0, 0.0, 0.0]
+resolution: [640, 480]
+camera_model: pinhole
+intrinsics: [700.1, 702.0, 319.5, 239.5] # fu, fv, cu, cv
+distortion_model: radial-tangential
+distortion_coefficients: [{D}]
+"""
+FOUR = {"fx": 700.1, "fy": 702.0}
+
+
+def test_dialects_of_other_tools_hold_the_same_camera(tmp_path: Path) -> None:
+    numbers = ", ".join(map(str, D))
+    texts = {
+        "old.yml": OLD_OPENCV.format(K=", ".join(str(v) for row in K for v in row), D=numbers),
+        "ost.ini": INI.format(rows="\n".join(" ".join(map(str, row)) for row in K), d=numbers.replace(",", "")),
+        "euroc.yaml": EUROC.format(D=", ".join(map(str, D[:4]))),
+        "rs.json": json.dumps(
+            FOUR | {"width": 640, "height": 480, "ppx": 319.5, "ppy": 239.5, "model": "brown_conrady", "coeffs": D}
+        ),
+        "transforms.json": json.dumps(
+            {"w": 640, "h": 480, "fl_x": 700.1, "fl_y": 702.0, "cx": 319.5, "cy": 239.5}
+            | dict(zip(("k1", "k2", "p1", "p2"), D, strict=False))
+        ),
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+        camera = read_camera(tmp_path / name)
+        assert np.array_equal(camera.matrix, K), name
+        assert np.array_equal(camera.distortion, D[: len(camera.distortion)]), name
+        assert camera.model == "brown" and camera.size in (SIZE, None), name
+
+
+@given(st.integers(0, 200), st.integers(0, 120), st.sampled_from([1, 2, 4]), st.booleans())
+def test_a_part_of_a_sensor_shows_what_the_whole_one_shows_there(left: int, top: int, binning: int, told: bool) -> None:
+    """A point of the whole image lies at (p - offset + 1/2) / binning - 1/2 in that of the part."""
+    wide, high = (640 - left) // 4 * 4, (480 - top) // 4 * 4
+    roi = (
+        f"roi: {{x_offset: {left}, y_offset: {top}, width: {wide}, height: {high}, do_rectify: {str(told).lower()}}}\n"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "part.yaml"
+        path.write_text(ROS + f"binning_x: {binning}\nbinning_y: {binning}\n" + roi)
+        part, whole, p = read_camera(path), Camera(K, D, size=SIZE), points(beyond=0.0)
+    assert part.size == (wide // binning, high // binning)
+
+    def in_part(seen: np.ndarray) -> np.ndarray:
+        return (seen - (left, top) + 0.5) / binning - 0.5
+
+    assert np.allclose(part.distort(in_part(p)), in_part(whole.distort(p)), atol=1e-8)
+
+
 def test_a_fisheye_and_a_focal_length_alone(tmp_path: Path) -> None:
     (tmp_path / "f.yaml").write_text(KALIBR.replace("radtan", "equidistant"))
     assert read_camera(tmp_path / "f.yaml").model == "fisheye"
@@ -199,6 +274,14 @@ GOOD_K, GOOD_D = "K: [700,0,320,0,700,240,0,0,1]\n", "D: [0,0,0,0]\n"
         (GOOD_K + GOOD_D + "image_width: 640\n", "image_width and image_height"),
         (GOOD_K + "D: [-3,0,0,0]\n", "folds the image"),
         ('{"focal": 700, "k1": 0}', "needs width and height"),
+        (
+            "K: [0.008,0,0.0032,0,0.008,0.0024,0,0,1]\nwidth: 640\nheight: 480\n" + GOOD_D,
+            "focal length is in px, 0.1 to 100",
+        ),
+        (GOOD_K + GOOD_D + "roi: {x_offset: -3}\n", "roi.x_offset is a whole number"),
+        ('{"fx":700,"fy":700,"ppx":320,"ppy":240,"model":"inverse_brown_conrady","coeffs":[0.1,0,0,0,0]}', "plumb_bob"),
+        ("<?xml?><root><camera><model><px>8</px><u0>3</u0></model></camera></root>", "ViSP, which is not read"),
+        ('ParGroup: Cam1: "Internal Parameters";', "HALCON, which is not read"),
         ('{"K": [7' + "0" * 400 + ',0,320,0,700,240,0,0,1], "D": [0,0,0,0]}', "no number"),
         (GOOD_K + GOOD_D + "image_width: .inf\nimage_height: 480\n", "image_width and image_height"),
     ],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibrations from files: ROS camera_info, OpenCV's FileStorage, Kalibr's camera chain, JSON with the same keys."""
+"""Calibrations from files: ROS, OpenCV, Kalibr, EuRoC, RealSense, NeRF, and JSON with the same keys."""
 
 from __future__ import annotations
 
@@ -14,21 +14,41 @@ from grasptrack.errors import InputError
 from grasptrack.geometry.cameras import Camera, Model
 
 _MATRIX = ("camera_matrix", "k", "mtx", "intrinsic_matrix", "intrinsics", "camera")
-_DISTORTION = ("distortion_coefficients", "dist_coeffs", "distortion_coeffs", "distortion", "dist", "d")
+_DISTORTION = ("distortion_coefficients", "dist_coeffs", "distortion_coeffs", "distortion", "dist", "coeffs", "d")
 _MODEL = ("distortion_model", "camera_model", "model")
-_WIDTH, _HEIGHT = ("image_width", "width"), ("image_height", "height")
+_FOUR = (("fx", "fl_x"), ("fy", "fl_y"), ("cx", "ppx"), ("cy", "ppy"))
+"""Names of a camera's four numbers where each has its own: of JSON, RealSense, NeRF."""
+_WIDTH, _HEIGHT = ("image_width", "width", "w"), ("image_height", "height", "h")
 _SIZE = ("image_size", "resolution", "size")
 _MODELS: dict[str, Model] = {
     **dict.fromkeys(("plumbbob", "rationalpolynomial", "brown", "radtan", "pinhole", "opencv", "none", ""), "brown"),
+    **dict.fromkeys(("radialtangential", "brownconrady", "distortionbrownconrady", "distortionnone"), "brown"),
     **dict.fromkeys(("equidistant", "fisheye", "kannalabrandt", "opencvfisheye", "kannalabrandt4"), "fisheye"),
+    "distortionkannalabrandt4": "fisheye",
 }
+_INVERSE = (
+    "inversebrownconrady",
+    "distortioninversebrownconrady",
+    "modifiedbrownconrady",
+    "distortionmodifiedbrownconrady",
+)
+"""RealSense's, which lead from seen px to ideal ones: without coefficients they are as any."""
+_FOREIGN = {
+    r"<u0>": "is one of ViSP",
+    r"ParGroup\b": "is one of HALCON",
+    r"<(rig|calibration)\b[^>]*>\s*<sensor\b|<document\b[^>]*>\s*<chunk\b": "is one of Metashape",
+}
+"""What is told apart by a pattern in its text, and not read."""
+WIDEST, LONGEST = 0.1, 100.0
+"""Focal lengths in widths of the image between which a pinhole camera's lies: fields of view of 157 and of 0.6 degrees."""
 
 
 @arguments.checked(path=arguments.instance(str, os.PathLike))
 def read_camera(path: str | os.PathLike[str]) -> Camera:
     """A camera from a calibration file.
 
-    ROS camera_info as YAML, OpenCV's YAML or XML, Kalibr's camera chain (its first camera), or JSON. The names of the keys
+    ROS camera_info as YAML, with its region of interest and binning, or ini; OpenCV's YAML or XML; Kalibr's camera chain (its
+    first camera); EuRoC's sensor; RealSense's intrinsics; NeRF's transforms; or JSON. The names of the keys
     are those of these tools, in capitals or not: camera_matrix or K (3x3, nine numbers, or fx fy cx cy),
     distortion_coefficients or D, distortion_model (plumb_bob, rational_polynomial, equidistant; Brown's where none is
     named), image_width and image_height. In place of a matrix `focal` in px with the axis in the middle will do, and
@@ -49,10 +69,30 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
 
 def _read_content(file: Path) -> dict[str, Any]:
     text = read_text(file, "calibration")
+    for pattern, whose in _FOREIGN.items():
+        if re.search(pattern, text):
+            raise InputError(f"{whose}, which is not read: export it for OpenCV or ROS")
+    if re.match(r"\s*(#[^\n]*\n\s*)*\[[A-Za-z_]\w*\][ \t]*\n", text):
+        return _read_ros_ini(text)
     if not text.lstrip().startswith("<"):
-        return read_keys(text)
+        return read_keys(re.sub(r"\A\s*%YAML[^\n]*\n(?!---)", "", text))  # OpenCV's, which need not begin its document
     found = _read_opencv_xml(text)
     return found if isinstance(found, dict) else {}
+
+
+def _read_ros_ini(text: str) -> dict[str, Any]:
+    """What camera_calibration writes beside its YAML: below each name its rows of numbers."""
+    found: dict[str, list[float]] = {}
+    name = ""
+    for line in text.splitlines():
+        row = line.split()
+        if not row or row[0].startswith(("#", "[")):
+            continue
+        try:
+            found.setdefault(name, []).extend(float(part) for part in row)
+        except ValueError:
+            name = line.strip()
+    return {key: values[0] if len(values) == 1 else values for key, values in found.items()}
 
 
 def _read_opencv_xml(text: str) -> Any:
@@ -92,11 +132,51 @@ def _camera_from_content(content: dict[str, Any]) -> Camera:
     matrix = _camera_matrix(known, size)
     name = _find_value(known, _MODEL[:1])
     name = _find_value(known, _MODEL[1:]) if name is None else name
-    model = _MODELS.get(_normalized_key(str(name or "")))
+    coefficients, kind = _distortion_coefficients(known), _normalized_key(str(name or ""))
+    model = _MODELS.get(kind) if kind not in _INVERSE or any(coefficients) else "brown"
     if model is None:
         told = "plumb_bob, rational_polynomial or equidistant"
         raise InputError(f'its distortion_model is {told}, not "{name}"', model=name)
-    return Camera(matrix, _distortion_coefficients(known), model, size)
+    matrix, size = _part_read_out(known, matrix, size)
+    width = 2.0 * matrix[0][2] + 1.0 if size is None else size[0]
+    if model == "brown" and not WIDEST * width < matrix[0][0] < LONGEST * width and matrix[0][0] > 0.0 < width:
+        raise InputError(
+            f"its focal length is in px, {WIDEST:g} to {LONGEST:g} times the image's width, not {matrix[0][0]:g}",
+            focal=matrix[0][0],
+        )
+    return Camera(matrix, coefficients, model, size)
+
+
+def _part_read_out(
+    known: dict[str, Any], matrix: list[list[float]], size: tuple[int, int] | None
+) -> tuple[list[list[float]], tuple[int, int] | None]:
+    """Matrix and size of the images where ROS tells of a sensor of which a part is read out, and its px put together."""
+    roi = known.get("roi")
+    roi = roi if isinstance(roi, dict) else {}
+    left, top, wide, high = (
+        _count(roi.get(name, 0), f"roi.{name}") for name in ("x_offset", "y_offset", "width", "height")
+    )
+    by_x, by_y = (max(1, _count(known.get(name, 1), name)) for name in ("binningx", "binningy"))
+    if (left, top, wide, high, by_x, by_y) == (0, 0, 0, 0, 1, 1):
+        return matrix, size
+    if size is not None:
+        size = (wide or size[0]) // by_x, (high or size[1]) // by_y
+    rows = [list(row) for row in matrix]
+    for row, offset, binning in (
+        (rows[0], left, by_x),
+        (rows[1], top, by_y),
+    ):  # the border of the first px at -0.5 stays there
+        row[:] = [value / binning for value in row]
+        row[2] += (0.5 - offset) / binning - 0.5
+    return rows, size
+
+
+def _count(value: Any, name: str) -> int:
+    """A whole number of px, 0 or more."""
+    number = _float_or_none(value)
+    if number is None or number < 0 or not number.is_integer():
+        raise InputError(f"its {name} is a whole number, 0 or more, not {value}")
+    return int(number)
 
 
 def _normalized_key(name: str) -> str:
@@ -127,6 +207,9 @@ def _camera_matrix(known: dict[str, Any], size: tuple[int, int] | None) -> list[
         if size is None:
             raise InputError("a focal length alone needs width and height, too")
         return [[focal, 0.0, (size[0] - 1) / 2.0], [0.0, focal, (size[1] - 1) / 2.0], [0.0, 0.0, 1.0]]
+    four = [_float_or_none(_find_value(known, names)) for names in _FOUR]
+    if found is None and not any(value is None for value in four):
+        found = four
     if found is None:
         raise InputError("it has no camera_matrix (nor K)")
     values = _flat_numbers(found, "camera_matrix")
