@@ -3,9 +3,11 @@
 
 import random
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -143,11 +145,19 @@ def test_deep_images_use_the_whole_scale_of_the_recording(tmp_path: Path, bits: 
     np.testing.assert_allclose(second, first / 2, atol=1)
 
 
-def test_what_is_brighter_than_the_first_image_saturates(tmp_path: Path) -> None:
-    write(tmp_path / "0.png", np.full((48, 64), 4000, np.uint16))
-    write(tmp_path / "1.png", np.full((48, 64), 60000, np.uint16))
+def test_a_glint_that_is_brighter_than_the_first_image_saturates(tmp_path: Path) -> None:
+    image = np.full((48, 64), 4000, np.uint16)
+    write(tmp_path / "0.png", image)
+    image[:4, :4] = 60000
+    write(tmp_path / "1.png", image)
     first, second = (f.image for f in open_source(tmp_path))
-    assert first.max() == round(4000 * 255 / 4095) and second.min() == 255
+    assert first.max() == second.min() == round(4000 * 255 / 4095) and second.max() == 255
+
+
+def test_after_a_first_image_that_was_nearly_black_the_scale_rises(tmp_path: Path) -> None:
+    for k, level in enumerate((60, 60000, 30000)):
+        write(tmp_path / f"{k}.png", np.full((48, 64), level, np.uint16))
+    assert [int(f.image.max()) for f in open_source(tmp_path)] == [round(v / 257) for v in (257 * 15, 60000, 30000)]
 
 
 def test_float_images_and_fractions() -> None:
@@ -181,6 +191,51 @@ def test_video_turned_by_its_header_comes_upright(tmp_path: Path) -> None:
     if turned.shape == upright.shape:
         pytest.skip("this PyAV does not report a frame's rotation")
     np.testing.assert_array_equal(turned, np.rot90(upright, -1))  # the header asks for a quarter turn clockwise
+
+
+@pytest.mark.parametrize(("a", "d", "axis"), [(-1, 1, 1), (1, -1, 0), (-1, -1, (0, 1))])
+def test_video_mirrored_by_its_header_is_mirrored(tmp_path: Path, a: int, d: int, axis: int | tuple[int, int]) -> None:
+    plain = movie(tmp_path / "m.mp4")
+    data = plain.read_bytes()
+    one, four = 1 << 16, (1 << 16).to_bytes(4, "big")
+    identity = b"".join((four, bytes(12), four, bytes(12), (1 << 30).to_bytes(4, "big")))
+    matrix = b"".join((v % 2**32).to_bytes(4, "big") for v in (a * one, 0, 0, 0, d * one, 0, 0, 0, 1 << 30))
+    at = data.index(identity, data.index(b"tkhd"))
+    (tmp_path / "mirrored.mp4").write_bytes(data[:at] + matrix + data[at + len(identity) :])
+    as_it_is, mirrored = (next(iter(open_source(path))).image for path in (plain, tmp_path / "mirrored.mp4"))
+    np.testing.assert_array_equal(mirrored, np.flip(as_it_is, axis))
+
+
+def coded(path: Path, images: list[np.ndarray], codec: str, form: str, aspect: Fraction = Fraction(1)) -> Path:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=10)
+        frames = [av.VideoFrame.from_ndarray(image, format=form) for image in images]
+        stream.width, stream.height, stream.pix_fmt = frames[0].width, frames[0].height, form
+        stream.codec_context.sample_aspect_ratio = aspect
+        for frame in frames:
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+@pytest.mark.parametrize(("aspect", "size"), [(Fraction(2), (128, 48)), (Fraction(1, 2), (64, 96))])
+def test_pixels_that_are_not_square_become_so(tmp_path: Path, aspect: Fraction, size: tuple[int, int]) -> None:
+    planes = np.full((72, 64), 128, np.uint8)
+    planes[:48] = np.add.outer(2 * np.arange(48), 2 * np.arange(64)).astype(np.uint8)
+    plain = coded(tmp_path / "plain.mp4", [planes], "libx264", "yuv420p")
+    path = coded(tmp_path / "wide.mp4", [planes], "libx264", "yuv420p", aspect)
+    with pytest.warns(UserWarning, match=f"wide as high; it is read with square ones, {size[0]}x{size[1]}"):
+        (frame,) = open_source(path)
+    (square,) = open_source(plain)
+    np.testing.assert_array_equal(frame.image, cv2.resize(square.image, size))
+
+
+def test_deep_grey_video_has_one_scale(tmp_path: Path) -> None:
+    ramp = np.linspace(0, 4095, 64 * 48).reshape(48, 64).astype(np.uint16)
+    path = coded(tmp_path / "deep.mkv", [ramp, ramp // 2], "ffv1", "gray16le")
+    first, second = (f.image for f in open_source(path))
+    assert first.max() == 255 and len(np.unique(first)) > 250
+    np.testing.assert_allclose(second, first / 2, atol=1)
 
 
 def packed_low_first(values: list[int], bits: int) -> bytes:

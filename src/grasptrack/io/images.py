@@ -4,7 +4,8 @@
 Depth: 8-bit values stay as they are. Deeper images are scaled to 8 bits by one factor for the whole sequence, that of
 the smallest usual full scale (1 for fractions, else 255 for float images, 10, 12, 14 or 16 bits) that holds the first
 image's largest value, so that a dark 12-bit recording is not left with a dozen grey levels; what is brighter later on
-saturates, as in a camera. Alpha: what is transparent shows black. EXIF rotation is applied, as viewers do.
+saturates, as in a camera. Only where much of an image would, as after a first one that was nearly black, the scale rises.
+Alpha: what is transparent shows black. EXIF rotation is applied, as viewers do.
 """
 
 from __future__ import annotations
@@ -126,6 +127,10 @@ def decode_image(data: bytes, name: str) -> Image:
     return image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
 
 
+SATURATED = 0.05
+"""Share of an image's values from which on the first image's scale is not that of the sequence: no glint takes as much."""
+
+
 class EightBits:
     """Images of any depth as uint8, grey (H, W) or BGR (H, W, 3).
 
@@ -134,7 +139,7 @@ class EightBits:
     """
 
     def __init__(self, full: float | None = None) -> None:
-        self._full = full
+        self._full, self._told = full, full is not None
 
     def __call__(self, image: Image) -> NDArray[np.uint8]:
         """The image in 8 bits, (H, W) or (H, W, 3)."""
@@ -149,7 +154,7 @@ class EightBits:
         if plain.dtype == np.bool_:
             return plain.astype(np.uint8) * np.uint8(255)
         values = np.nan_to_num(plain.astype(np.float32), posinf=0.0, neginf=0.0)
-        if self._full is None:
+        if self._full is None or (not self._told and np.count_nonzero(values > self._full) > SATURATED * values.size):
             peak = float(values.max(initial=0.0))
             self._full = next((s for s in _FULL_SCALES["f" if plain.dtype.kind == "f" else "u"] if s >= peak), peak)
         scaled: NDArray[np.uint8] = np.clip(values * (255.0 / self._full) + 0.5, 0.0, 255.0).astype(np.uint8)

@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image, Source
 from grasptrack.io.images import EightBits, decode_image
-from grasptrack.io.video import check_stream, decode_frames, open_media, upright_image
+from grasptrack.io.video import UprightImages, check_stream, decode_frames, open_media
 
 NAME = "the standard input"
 _JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
@@ -47,10 +47,11 @@ class PipedSource(Source):
         with container:
             check_stream(container, NAME)
             stream, index = container.streams.video[0], 0
+            upright = UprightImages(stream)
             try:
                 for frame in decode_frames(container):
                     time = None if frame.pts is None else float(frame.pts * (frame.time_base or stream.time_base))
-                    yield upright_image(frame), time, f"frame {index} of {NAME}"
+                    yield upright(frame), time, f"frame {index} of {NAME}"
                     index += 1
             except av.FFmpegError:
                 raise SourceError(f"the video of {NAME} is damaged: it can be read up to frame {index}") from None

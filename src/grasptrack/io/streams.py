@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image
 from grasptrack.io.live import DeviceGoneError, LiveSource, take_patience
-from grasptrack.io.video import check_stream, open_media, upright_image
+from grasptrack.io.video import UprightImages, check_stream, open_media
 
 SCHEMES = ("rtsp", "rtsps", "http", "https", "udp")
 _OPENING, _SILENCE = 5.0, 2.0
@@ -40,6 +40,7 @@ class _Stream:
             self._base = self._container.streams.video[0].time_base
             self._packets = self._container.demux(self._container.streams.video[0])
             self._decoded: list[Any] = []
+            self._upright = UprightImages(self._container.streams.video[0])
         except BaseException:
             self._container.close()
             raise
@@ -61,7 +62,7 @@ class _Stream:
             raise DeviceGoneError(_reason_of(error)) from None
         frame = self._decoded.pop(0)
         timed = self._timed and frame.pts is not None
-        return upright_image(frame), float(frame.pts * (frame.time_base or self._base)) if timed else None
+        return self._upright(frame), float(frame.pts * (frame.time_base or self._base)) if timed else None
 
     def close(self) -> None:
         self._container.close()

@@ -5,17 +5,20 @@ from __future__ import annotations
 
 import math
 import re
+import struct
 import warnings
 from collections.abc import Generator, Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import InputError, SourceError
 from grasptrack.io.base import UNREAD, Image, Source
+from grasptrack.io.images import EightBits
 from grasptrack.io.limits import check_size, max_megapixels
 
 _TEXT_ART = frozenset({"ansi", "bintext", "xbin", "idf"})
@@ -36,7 +39,7 @@ def open_media(file: Any, **options: Any) -> Any:
 
 
 class VideoSource(Source):
-    """The first video stream of a file: grey where it is recorded so, else BGR, turned upright as its header asks.
+    """The first video stream of a file: grey where it is recorded so, else BGR, as `UprightImages` makes it.
 
     Times are presentation times in s, as the file has them. A file that is damaged or cut short raises SourceError
     after the frames that can be read.
@@ -52,6 +55,7 @@ class VideoSource(Source):
         with self._open_container() as container:
             stream = container.streams.video[0]
             self._warn_of_metadata(container)
+            self._warn_of_aspect(stream)
             rate = float(stream.average_rate or 0)
             self.fps = fps or (rate if rate > 0 else None)
             self.exact = stream.frames > 0
@@ -85,18 +89,28 @@ class VideoSource(Source):
             told = ", ".join(broken).encode("ascii", "replace").decode()
             warnings.warn(f'video "{self._path}": its {told} is not in UTF-8, and is not read', stacklevel=3)
 
+    def _warn_of_aspect(self, stream: Any) -> None:
+        """Say that contacts are told in px of another size than that of the file."""
+        upright, codec = UprightImages(stream), stream.codec_context
+        size = upright.size_of(codec.width, codec.height)
+        if size != (codec.width, codec.height):
+            wide = f"pixels are {upright.aspect:.4g} times as wide as high"
+            warnings.warn(
+                f'video "{self._path}": its {wide}; it is read with square ones, {size[0]}x{size[1]}', stacklevel=3
+            )
+
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
         import av
 
         index, longest, last = 0, 0.0, math.nan
         self.shortfall = ""
         with self._open_container() as container:
-            told = _told_end(container)
+            told, upright = _told_end(container), UprightImages(container.streams.video[0])
             try:
                 base = container.streams.video[0].time_base
                 for frame in decode_frames(container):
                     time = None if frame.pts is None else float(frame.pts * (frame.time_base or base))
-                    image = UNREAD if index < self.first else upright_image(frame)
+                    image = UNREAD if 0 < index < self.first else upright(frame)  # the first one sets the scale
                     yield image, time, f"frame {index} of {self._path.name}"
                     if time is not None:
                         longest, last = max(longest, time - last if index else 0.0), time
@@ -132,7 +146,7 @@ def check_stream(container: Any, name: str) -> None:
     if codec is None or codec.name in _TEXT_ART:
         why = "it has no video stream" if codec is None else "it is text"
         raise SourceError(f"{name} is no video that can be read: {why}", name=name)
-    check_size(codec.width, codec.height, f"video {name}")
+    check_size(*UprightImages(container.streams.video[0]).size_of(codec.width, codec.height), f"video {name}")
     codec.options = {**codec.options, **_decoder_limit()}
 
 
@@ -161,12 +175,46 @@ def decode_frames(container: Any) -> Iterator[Any]:
         raise
 
 
-def upright_image(frame: Any) -> Image:
-    """The picture as (H, W) or (H, W, 3) uint8, turned by the rotation that the file's header gives."""
-    grey = frame.format.name.startswith(("gray", "mono"))
-    image: Image = frame.to_ndarray(format="gray" if grey else "bgr24")
-    quarters = round(getattr(frame, "rotation", 0) / 90) % 4
-    return np.ascontiguousarray(np.rot90(image, quarters)) if quarters else image
+class UprightImages:
+    """Pictures as they are to be seen: turned and mirrored as the header asks, with square pixels, in 8 bits.
+
+    Grey of 16 bits, which do not tell how many are used, has one scale for all of a video, see `EightBits`.
+
+    Args:
+        stream: PyAV's, of whose pixels the aspect is told; None where there is none.
+    """
+
+    def __init__(self, stream: Any = None) -> None:
+        self._to_eight = EightBits()
+        self.aspect = float((None if stream is None else stream.sample_aspect_ratio) or 1.0)
+
+    def __call__(self, frame: Any) -> Image:
+        """(H, W) or (H, W, 3) uint8."""
+        name = frame.format.name
+        if name.startswith("gray16"):
+            image: Image = self._to_eight(frame.to_ndarray(format=name))
+        else:
+            image = frame.to_ndarray(format="gray" if name.startswith(("gray", "mono")) else "bgr24")
+        height, width = image.shape[:2]
+        if self.size_of(width, height) != (width, height):
+            image = cv2.resize(image, self.size_of(width, height), interpolation=cv2.INTER_LINEAR)
+        a, b, c, d = _display_matrix(frame)
+        if abs(a) + abs(d) < abs(b) + abs(c):  # x and y change places
+            image, a, d = image.swapaxes(0, 1), c, b
+        return np.ascontiguousarray(image[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1])
+
+    def size_of(self, width: int, height: int) -> tuple[int, int]:
+        """Width and height of a picture with square pixels; no side becomes shorter."""
+        return round(width * max(self.aspect, 1.0)), round(height / min(self.aspect, 1.0))
+
+
+def _display_matrix(frame: Any) -> tuple[int, int, int, int]:
+    """a, b, c, d by which the header has the pixel (x, y) at (a x + c y, b x + d y), but for where that begins."""
+    for data in frame.side_data:
+        if data.type.name == "DISPLAYMATRIX":
+            a, b, _, c, d, *_ = struct.unpack("=9i", bytes(data))
+            return a, b, c, d
+    return 1, 0, 0, 1
 
 
 def _told_end(container: Any) -> float | None:
@@ -216,7 +264,6 @@ class VideoWriter:
     def write(self, image: NDArray[np.uint8]) -> None:
         """Add an image (H, W, 3), BGR."""
         import av
-        import cv2
 
         height, width = image.shape[:2]
         if height % 2 or width % 2:

@@ -114,7 +114,7 @@ class MessageImages:
     def _decode_video(self, message: Any, name: str) -> Image | None:
         import av
 
-        from grasptrack.io.video import upright_image
+        from grasptrack.io.video import UprightImages
 
         if self._decoder is None:
             codec = _CODECS.get(message.format.lower())
@@ -125,4 +125,4 @@ class MessageImages:
             frames = self._decoder.decode(av.Packet(bytes(message.data)))
         except av.FFmpegError:
             return None  # up to the first key frame
-        return upright_image(frames[-1]) if frames else None
+        return UprightImages()(frames[-1]) if frames else None
