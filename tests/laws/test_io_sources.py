@@ -6,6 +6,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 
 import av
 import cv2
@@ -16,6 +17,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from grasptrack import SourceError, open_source
+from grasptrack.io.bags.messages import MessageImages
 from grasptrack.io.images import EightBits, natural_key
 from grasptrack.io.masks import open_masks, read_mask
 from grasptrack.io.pixels import genicam_format, raw_image, ros_format, to_image
@@ -238,6 +240,55 @@ def test_deep_grey_video_has_one_scale(tmp_path: Path) -> None:
     np.testing.assert_allclose(second, first / 2, atol=1)
 
 
+@pytest.mark.parametrize(("name", "swapped"), [("nv12", False), ("nv21", True)])
+def test_half_sized_colours_that_follow_the_grey(name: str, swapped: bool) -> None:
+    """By their definition: a plane of grey, then pairs of blue and red differences for two by two pixels."""
+    rng = np.random.default_rng(3)
+    small = rng.integers(40, 200, (12, 16, 3)).astype(np.uint8)
+    planar = cv2.cvtColor(small.repeat(2, axis=0).repeat(2, axis=1), cv2.COLOR_BGR2YUV_I420)
+    y, u, v = planar[:24], planar[24:30].reshape(12, 16), planar[30:].reshape(12, 16)
+    pairs = np.stack([v, u] if swapped else [u, v], axis=-1).reshape(12, 32)
+    data, form = np.concatenate([y.ravel(), pairs.ravel()]), ros_format(name)
+    image = to_image(raw_image(data, 32, 24, form), form)
+    assert np.abs(image.astype(int) - cv2.cvtColor(planar, cv2.COLOR_YUV2BGR_I420)).max() <= 2
+    with pytest.raises(SourceError, match="px needs 1152 bytes, but has 1151"):
+        raw_image(data[:-1], 32, 24, form)
+    with pytest.raises(SourceError, match="an even number of px"):
+        raw_image(data, 31, 24, form)
+
+
+def raw_message(encoding: str, values: np.ndarray) -> SimpleNamespace:
+    height, width = values.shape[:2]
+    return SimpleNamespace(width=width, height=height, encoding=encoding, step=values.strides[0], data=values.tobytes())
+
+
+def test_depths_that_a_name_tells_and_fractions() -> None:
+    ramp = np.linspace(0, 1, 64 * 48).reshape(48, 64)
+    named = MessageImages("raw").decode_message(raw_message("mono12", (2047.0 * ramp).astype(np.uint16)), "m")
+    assert named is not None and named.max() == 127
+    depth = MessageImages("raw").decode_message(raw_message("32FC1", ramp.astype(np.float32)), "m")
+    assert depth is not None
+    np.testing.assert_allclose(depth, 255.0 * ramp, atol=0.51)
+
+
+def test_video_in_messages_of_compressed_images(tmp_path: Path) -> None:
+    images, shown = MessageImages("compressed"), []
+    with av.open(str(movie(tmp_path / "m.mp4"))) as container:
+        packets = av.BitStreamFilterContext("h264_mp4toannexb", container.streams.video[0])
+        for packet in container.demux(video=0):
+            for part in packets.filter(packet):
+                image = images.decode_message(SimpleNamespace(format="bgr8; h264", data=bytes(part)), "m")
+                shown += [] if image is None else [image]
+    assert len(shown) > 5 and shown[0].shape == (48, 64, 3)
+
+
+def test_alpha_that_is_nowhere_set_is_not_meant() -> None:
+    image = np.dstack([np.full((4, 5, 3), 90, np.uint8), np.zeros((4, 5), np.uint8)])
+    assert EightBits()(image).min() == 90
+    image[0, 0, 3] = 255
+    assert EightBits()(image).min() == 0
+
+
 def packed_low_first(values: list[int], bits: int) -> bytes:
     """Values one after another in a stream of bits, by the definition of GenICam's formats with p."""
     joined = sum(value << (i * bits) for i, value in enumerate(values))
@@ -332,7 +383,7 @@ def test_formats_that_are_no_pixels_of_an_image_are_refused(name: str) -> None:
     with pytest.raises(SourceError, match="PixelFormat=Mono8"):
         genicam_format(name)
     with pytest.raises(SourceError, match="are not read"):
-        ros_format(name or "32FC1")
+        ros_format(name or "64FC1")
 
 
 SIZE = (40, 50)

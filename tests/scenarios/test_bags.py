@@ -109,8 +109,8 @@ def test_what_is_no_bag(tmp_path: Path) -> None:
     path = write_bag(tmp_path, "ros1.bag", {"/i": ("mono8", GREY)})
     assert "bits is 9 to 16" in said(path, {"bits": "40"})
     assert "no setting exposure" in said(path, {"exposure": "4"})
-    odd = write_bag(tmp_path, "ros2", {"/i": ("32FC1", [np.zeros((4, 6), np.float32)])})
-    assert 'encoding "32FC1" are not read' in said(odd)
+    odd = write_bag(tmp_path, "ros2", {"/i": ("64FC1", [np.zeros((4, 6), np.float64)])})
+    assert 'encoding "64FC1" are not read' in said(odd)
 
 
 @pytest.mark.parametrize("kind", ["ros1.bag", "plain.mcap"])

@@ -245,6 +245,17 @@ def test_times_that_do_not_go_on_are_none(tmp_path: Path, monkeypatch: pytest.Mo
     assert len(said) == 1
 
 
+def test_after_a_clock_was_set_back_times_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = open_source(plates(tmp_path / "images", 7))
+    given = iter([0.0, 0.25, 0.5, -3600.0, -3599.75, -3599.25, 7200.0])
+    read = source._read
+    monkeypatch.setattr(source, "_read", lambda: ((image, next(given), name) for image, _, name in read()))
+    with pytest.warns(UserWarning, match="after a clock that was set back times go on") as said:
+        times = [frame.time for frame in source]
+    assert times == [0.0, 0.25, 0.5, None, 1.0, 1.5, 10800.75]
+    assert len(said) == 1
+
+
 # --- files that end early ------------------------------------------------------------------------
 
 

@@ -52,6 +52,34 @@ class Frame:
         return bytes(cv2.imencode(".png", self.image)[1])
 
 
+class _GoingTimes:
+    """Times of frames, which go on where a device's clock is set back.
+
+    Attributes:
+        latest: s, of the last frame that had one.
+    """
+
+    def __init__(self) -> None:
+        self.latest = -math.inf
+        self._offset = self._step = 0.0
+        self._refused: float | None = None  # by that clock, s
+
+    def time_of(self, told: float) -> float | None:
+        """The time of a frame, s; None where it is not after that of the last one.
+
+        Of two in a row that are not, but follow one another, the clock was set back: they come as the last two did.
+        """
+        if self._refused is not None and self._refused < told < math.inf and not told + self._offset > self.latest:
+            self._offset = self.latest + self._step - self._refused
+        time, self._refused = told + self._offset, None
+        if not self.latest < time < math.inf:
+            self._refused = told
+            return None
+        self._step = time - self.latest if math.isfinite(self.latest) else 0.0
+        self.latest = time
+        return time
+
+
 class Source(ABC):
     """Frames of one size, one at a time: memory does not grow with their number.
 
@@ -126,7 +154,7 @@ class Source(ABC):
         self.close()
         self._running = running = self._read()
         size: tuple[int, ...] | None = None
-        latest, index = -math.inf, -1
+        clock, index = _GoingTimes(), -1
         with contextlib.closing(running):
             for index, (image, time, name) in enumerate(running):
                 if index < self.first:
@@ -144,10 +172,10 @@ class Source(ABC):
                     )
                 if self._period is not None:
                     time = index * self._period
-                elif time is not None and latest < time < math.inf:
-                    latest = time
+                elif time is not None and (told := clock.time_of(time)) is not None:
+                    time = told
                 elif time is not None:
-                    self._warn_of_time(name, time, latest)
+                    self._warn_of_time(name, time, clock.latest)
                     time = None
                 if index >= self.first:
                     yield Frame(index, time, image, name)
@@ -160,7 +188,7 @@ class Source(ABC):
             self._times_warned = True
             warnings.warn(
                 f'"{self.spec}": the time of {name}, {time:g} s, is not after {latest:g} s; '
-                "such frames are taken to have none (--fps gives all frames one)",
+                "such frames have none, and after a clock that was set back times go on (--fps gives all frames one)",
                 stacklevel=4,
             )
 

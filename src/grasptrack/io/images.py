@@ -147,7 +147,7 @@ class EightBits:
         if image.ndim == 3 and image.shape[2] == 4:
             opaque = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1.0
             plain = image[:, :, :3]
-            if image[:, :, 3].min() < opaque:
+            if image[:, :, 3].min() < opaque and image[:, :, 3].any():  # where all is transparent, alpha is not meant
                 plain = (plain * (image[:, :, 3:] / opaque)).astype(image.dtype)
         if plain.dtype == np.uint8:
             return np.ascontiguousarray(plain)

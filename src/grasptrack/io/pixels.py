@@ -22,7 +22,7 @@ class PixelFormat(NamedTuple):
     Attributes:
         channels: values for each pixel.
         bits: of a value that are used, counted from the lowest.
-        order: "mono", "bgr", "rgb", "bgra", "rgba", a Bayer pattern such as "RGGB", or "yuyv", "uyvy".
+        order: "mono", "bgr", "rgb", "bgra", "rgba", a Bayer pattern such as "RGGB", or "yuyv", "uyvy", "nv12", "nv21".
         packed: "" where each value has whole bytes, "p" where they follow one another without gaps, the lowest bits
             first, "Packed" for two pixels in three bytes as GigE Vision has it.
     """
@@ -33,9 +33,13 @@ class PixelFormat(NamedTuple):
     packed: str = ""
 
     @property
-    def value_type(self) -> type[np.uint8] | type[np.uint16]:
+    def value_type(self) -> type[np.uint8] | type[np.uint16] | type[np.float32]:
         """Of one value that is not packed."""
-        return np.uint8 if self.bits <= 8 else np.uint16
+        return np.uint8 if self.bits <= 8 else np.uint16 if self.bits <= 16 else np.float32
+
+    def rows_of(self, height: int) -> int:
+        """Rows of values of an image so many px high: half-sized colours follow the grey of some."""
+        return height + height // 2 if self.order in ("nv12", "nv21") else height
 
 
 _BAYER = {"RG": "RGGB", "GR": "GRBG", "GB": "GBRG", "BG": "BGGR"}
@@ -44,6 +48,9 @@ _YUV = {"YUV422_8": "yuyv", "YCbCr422_8": "yuyv", "YUV422_8_UYVY": "uyvy", "YUV4
 _ROS = {
     "mono8": PixelFormat(1, 8, "mono"),
     "mono16": PixelFormat(1, 16, "mono"),
+    "mono10": PixelFormat(1, 10, "mono"),
+    "mono12": PixelFormat(1, 12, "mono"),
+    "32FC1": PixelFormat(1, 32, "mono"),
     "8UC1": PixelFormat(1, 8, "mono"),
     "16UC1": PixelFormat(1, 16, "mono"),
     "rgb8": PixelFormat(3, 8, "rgb"),
@@ -58,6 +65,8 @@ _ROS = {
     "uyvy": PixelFormat(2, 8, "uyvy"),
     "yuv422_yuy2": PixelFormat(2, 8, "yuyv"),
     "yuyv": PixelFormat(2, 8, "yuyv"),
+    "nv12": PixelFormat(1, 8, "nv12"),
+    "nv21": PixelFormat(1, 8, "nv21"),
     **{
         f"bayer_{pattern.lower()}{bits}": PixelFormat(1, bits, pattern)
         for pattern in _BAYER.values()
@@ -95,7 +104,7 @@ def ros_format(encoding: str) -> PixelFormat:
     found = _ROS.get(encoding) or _ROS.get(encoding.lower())
     if found is None:
         raise SourceError(
-            f'images of encoding "{encoding}" are not read, only {", ".join(list(_ROS)[:11])}, yuv422 and bayer_*',
+            f'images of encoding "{encoding}" are not read, only {", ".join(list(_ROS)[:14])}, yuv422, nv12 and bayer_*',
             encoding=encoding,
         )
     return found
@@ -104,11 +113,11 @@ def ros_format(encoding: str) -> PixelFormat:
 def raw_image(
     data: NDArray[np.uint8], width: int, height: int, form: PixelFormat, step: int = 0, *, big_endian: bool = False
 ) -> NDArray[Any]:
-    """Raw bytes as an array (H, W) or (H, W, channels) of 8 or 16 bits, nothing changed yet.
+    """Raw bytes as an array (H, W) or (H, W, channels) of 8, 16 or 32 bits, nothing changed yet.
 
     Args:
         data: (n,) bytes.
-        width, height: px.
+        width, height: px; of NV12 and NV21 both are even.
         form: how they are to be read.
         step: bytes from a row to the next; 0 where nothing lies between them.
         big_endian: the higher byte of 16 comes first.
@@ -118,8 +127,10 @@ def raw_image(
     """
     if form.packed:
         return _unpack_values(data, width, height, form)
+    if form.rows_of(height) > height and (width % 2 or height % 2):
+        raise SourceError(f"an image of half-sized colours has an even number of px on each side, not {width}x{height}")
     row = width * form.channels * np.dtype(form.value_type).itemsize
-    step = step or row
+    step, height = step or row, form.rows_of(height)
     if width < 1 or height < 1 or step < row or data.size < step * (height - 1) + row:
         raise SourceError(
             f"an image of {width}x{height} px needs {row * height} bytes, but has {data.size}, {step} a row",
@@ -130,7 +141,7 @@ def raw_image(
     if rows.size < step * height:  # the last row may end with its pixels
         rows = np.concatenate([rows, np.zeros(step * height - rows.size, np.uint8)])
     values = np.ascontiguousarray(rows.reshape(height, step)[:, :row]).view(form.value_type)
-    if big_endian and values.dtype == np.uint16:
+    if big_endian:
         values = values.byteswap()
     return values if form.channels == 1 else values.reshape(height, width, form.channels)
 
@@ -177,6 +188,8 @@ def to_image(raw: NDArray[Any], form: PixelFormat) -> NDArray[np.uint8]:
         "bgra": cv2.COLOR_BGRA2BGR,
         "yuyv": cv2.COLOR_YUV2BGR_YUYV,
         "uyvy": cv2.COLOR_YUV2BGR_UYVY,
+        "nv12": cv2.COLOR_YUV2BGR_NV12,
+        "nv21": cv2.COLOR_YUV2BGR_NV21,
         # OpenCV names a mosaic by its second row's second and third pixel.
         "RGGB": cv2.COLOR_BayerBG2BGR,
         "GRBG": cv2.COLOR_BayerGB2BGR,

@@ -82,7 +82,7 @@ class MessageImages:
             return self._decode_raw(message, name)
         if self._kind == "compressed":
             return self._decode_compressed(message, name)
-        return self._decode_video(message, name)
+        return self._decode_video(message.data, message.format.lower(), name)
 
     def _decode_raw(self, message: Any, name: str) -> Image:
         check_size(message.width, message.height, name)
@@ -99,11 +99,14 @@ class MessageImages:
         return self._to_eight_bits(values, form)
 
     def _to_eight_bits(self, values: NDArray[Any], form: PixelFormat) -> Image:
-        if values.dtype != np.uint8:  # 16 bits say nothing of how many are used
+        if form.bits in (16, 32):  # 16 bits say nothing of how many are used
             values, form = self._to_eight(values), form._replace(bits=8)
         return to_image(values, form)
 
-    def _decode_compressed(self, message: Any, name: str) -> Image:
+    def _decode_compressed(self, message: Any, name: str) -> Image | None:
+        codec = re.search("h264|h265|hevc", str(message.format).lower())
+        if codec:  # image_transport_plugins' and others'
+            return self._decode_video(message.data, codec[0].replace("hevc", "h265"), name)
         image = decode_image(bytes(message.data), name)
         first, _, rest = str(message.format).partition(";")  # "bayer_rggb8; png compressed bayer_rggb8"
         within = rest.partition("compressed")[2].strip() or first.strip()
@@ -111,18 +114,18 @@ class MessageImages:
             return self._to_eight_bits(image, ros_format(within)._replace(bits=8 * image.dtype.itemsize))
         return self._to_eight(image)
 
-    def _decode_video(self, message: Any, name: str) -> Image | None:
+    def _decode_video(self, data: Any, kind: str, name: str) -> Image | None:
         import av
 
         from grasptrack.io.video import UprightImages
 
         if self._decoder is None:
-            codec = _CODECS.get(message.format.lower())
+            codec = _CODECS.get(kind)
             if codec is None:
-                raise SourceError(f'{name} is video of format "{message.format}"; {", ".join(_CODECS)} are read')
+                raise SourceError(f'{name} is video of format "{kind}"; {", ".join(_CODECS)} are read')
             self._decoder = av.CodecContext.create(codec, "r")
         try:
-            frames = self._decoder.decode(av.Packet(bytes(message.data)))
+            frames = self._decoder.decode(av.Packet(bytes(data)))
         except av.FFmpegError:
             return None  # up to the first key frame
         return UprightImages()(frames[-1]) if frames else None
