@@ -168,6 +168,25 @@ def test_float_images_and_fractions() -> None:
     np.testing.assert_array_equal(EightBits()(np.array([[True, False]])), [[255, 0]])
 
 
+@pytest.mark.parametrize("kind", ["plain", "with a thumbnail"])
+def test_the_pages_of_one_tiff_are_a_sequence(tmp_path: Path, kind: str) -> None:
+    pages = [np.full((48, 64), 60 * k + 10, np.uint8) for k in range(4)]
+    rest = pages[1:] if kind == "plain" else [pages[0][::4, ::4].copy(), *pages[1:]]
+    assert cv2.imwritemulti(str(tmp_path / "stack.tif"), [pages[0], *rest])
+    source = open_source(tmp_path / "stack.tif")
+    assert (source.kind, source.count) == ("stack", 4)
+    assert [int(f.image.mean()) for f in source] == [10, 70, 130, 190]
+    assert [f.index for f in open_source(tmp_path / "stack.tif").start_at(2)] == [2, 3]
+    with pytest.raises(SourceError, match="holds 4 images: it is a sequence of its own, to be given alone"):
+        list(open_source(tmp_path))
+
+
+def test_a_tiff_of_one_page_is_an_image(tmp_path: Path) -> None:
+    write(tmp_path / "one.tif", picture())
+    source = open_source(tmp_path / "one.tif")
+    assert (source.kind, source.count, len(list(source))) == ("image", 1, 1)
+
+
 # --- video -----------------------------------------------------------------------------------------
 
 

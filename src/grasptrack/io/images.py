@@ -10,12 +10,13 @@ Alpha: what is transparent shows black. EXIF rotation is applied, as viewers do.
 
 from __future__ import annotations
 
+import contextlib
 import glob
 import re
 import struct
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -113,6 +114,10 @@ def decode_image(data: bytes, name: str) -> Image:
         check_size(*size, name)
     if not is_whole_image(data):
         raise SourceError(f"{name} is truncated", name=name)
+    if len(pages := pages_of(data)) > 1:
+        raise SourceError(
+            f"{name} holds {len(pages)} images: it is a sequence of its own, to be given alone", name=name
+        )
     if size is None:  # OpenCV reads more formats, of which nothing tells the size beforehand
         raise SourceError(f"{name} cannot be read: it is damaged, or no image ({NAMED})", name=name)
     # IMREAD_UNCHANGED alone keeps alpha, and alone ignores EXIF rotation; no JPEG has alpha.
@@ -176,6 +181,29 @@ class ImageSource(Source):
         yield from read_all(self._paths, self.first)
 
 
+class PagesSource(Source):
+    """The images of one TIFF, in order."""
+
+    kind = "stack"
+    exact = True
+
+    def __init__(self, path: Path, pages: Sequence[int], fps: float | None = None) -> None:
+        super().__init__(str(path), fps)
+        self._path, self._pages, self.count = path, tuple(pages), len(pages)
+
+    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+        to_eight = EightBits()
+        for k, page in enumerate(self._pages):
+            name = f"page {page} of {self._path.name}"
+            if 0 < k < self.first:
+                yield UNREAD, None, name
+                continue
+            found: Sequence[Image] = cv2.imreadmulti(str(self._path), page, 1, flags=cv2.IMREAD_UNCHANGED)[1]
+            if not found:
+                raise SourceError(f'"{self._path}": {name} cannot be read', path=str(self._path), page=page)
+            yield to_eight(found[0]), None, name
+
+
 def read_all(paths: Iterable[Path], first: int = 0) -> Generator[tuple[Image, float | None, str], None, None]:
     """The images of a sequence in 8 bits, without times; of those before `first` only one is read, which sets the scale."""
     to_eight = EightBits()
@@ -188,6 +216,7 @@ def read_all(paths: Iterable[Path], first: int = 0) -> Generator[tuple[Image, fl
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Markers of JPEG that begin a frame and tell its size."""
 _PORTABLE = re.compile(rb"P[1-6fF](?:\s|#[^\n\r]*[\n\r])+(\d{1,9})(?:\s|#[^\n\r]*[\n\r])+(\d{1,9})\s")
+_TIFF, _MOST_PAGES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), 100_000
 _TIFF_TYPES = {1: "B", 3: "H", 4: "I", 16: "Q"}
 
 
@@ -200,7 +229,7 @@ def image_size_in_header(data: bytes) -> tuple[int, int] | None:
             return _jpeg_size(data)
         if data.startswith(b"BM"):
             return _bmp_size(data)
-        if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+        if data[:4] in _TIFF:
             return _tiff_size(data)
         if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
             return _webp_size(data)
@@ -241,18 +270,43 @@ def _bmp_size(data: bytes) -> tuple[int, int]:
 
 def _tiff_size(data: bytes) -> tuple[int, int] | None:
     """The first directory's; of BigTIFF too."""
+    return next(_tiff_directories(data)).size
+
+
+class _TiffDirectory(NamedTuple):
+    """Width and height in px, None where they are not told, and whether it is a smaller copy of another one."""
+
+    size: tuple[int, int] | None
+    is_reduced: bool
+
+
+def _tiff_directories(data: bytes) -> Iterator[_TiffDirectory]:
     order = "<" if data[:1] == b"I" else ">"
     big = data[2:4] in (b"+\0", b"\0+")
     (at,) = struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)
-    (count,) = struct.unpack_from(order + ("Q" if big else "H"), data, at)
-    at += 8 if big else 2
-    sides: dict[int, int] = {}
-    for entry in range(min(count, 4096)):
-        place = at + entry * (20 if big else 12)
-        tag, kind = struct.unpack_from(order + "HH", data, place)
-        if tag in (256, 257) and kind in _TIFF_TYPES:
-            (sides[tag],) = struct.unpack_from(order + _TIFF_TYPES[kind], data, place + (12 if big else 8))
-    return (sides[256], sides[257]) if len(sides) == 2 else None
+    seen: set[int] = set()
+    while at and at not in seen and len(seen) < _MOST_PAGES:
+        seen.add(at)
+        (count,) = struct.unpack_from(order + ("Q" if big else "H"), data, at)
+        at += 8 if big else 2
+        told = {254: 0}
+        for entry in range(min(count, 4096)):
+            place = at + entry * (20 if big else 12)
+            tag, kind = struct.unpack_from(order + "HH", data, place)
+            if tag in (254, 256, 257) and kind in _TIFF_TYPES:
+                (told[tag],) = struct.unpack_from(order + _TIFF_TYPES[kind], data, place + (12 if big else 8))
+        yield _TiffDirectory((told[256], told[257]) if len(told) == 3 else None, bool(told[254] & 1))
+        (at,) = struct.unpack_from(order + ("Q" if big else "I"), data, at + count * (20 if big else 12))
+
+
+def pages_of(data: bytes) -> list[int]:
+    """Indices of the pages of a TIFF that are images of their own, as large as the first; of another format one."""
+    if data[:4] not in _TIFF:
+        return [0]
+    pages: list[_TiffDirectory] = []
+    with contextlib.suppress(struct.error):  # the last directory may be cut off
+        pages.extend(_tiff_directories(data))
+    return [k for k, page in enumerate(pages) if not page.is_reduced and page.size == pages[0].size] or [0]
 
 
 def _webp_size(data: bytes) -> tuple[int, int] | None:

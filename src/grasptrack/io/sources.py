@@ -11,7 +11,7 @@ from grasptrack.errors import SourceError
 from grasptrack.io.bags.source import is_bag, open_bag
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.cameras.v4l import open_webcam
-from grasptrack.io.images import ImageSource, images_in, images_matching, is_image_file
+from grasptrack.io.images import ImageSource, PagesSource, images_in, images_matching, is_image_file, pages_of
 from grasptrack.io.piped import open_piped
 from grasptrack.io.streams import SCHEMES, open_stream
 from grasptrack.io.video import VideoSource
@@ -78,7 +78,7 @@ def open_source(
     if path.is_dir():
         return ImageSource(text, images_in(path), "folder", fps)
     if path.is_file():
-        return ImageSource(text, [path], "image", fps) if is_image_file(path) else VideoSource(path, fps)
+        return _open_file(text, path, fps)
     if any(c in text for c in "*?["):
         return ImageSource(text, images_matching(text), "glob", fps)
     if path.exists():
@@ -87,3 +87,11 @@ def open_source(
         known = ", ".join(sorted({*_OPENERS, *plugin_names("grasptrack.sources")}))
         raise SourceError(f'"{kind}:" is no kind of source; there are {known}', spec=text)
     raise SourceError(f'"{text}" does not exist: give {_KINDS}', path=text)
+
+
+def _open_file(text: str, path: Path, fps: float | None) -> Source:
+    if not is_image_file(path):
+        return VideoSource(path, fps)
+    if path.suffix.lower() in (".tif", ".tiff") and len(pages := pages_of(path.read_bytes())) > 1:
+        return PagesSource(path, pages, fps)
+    return ImageSource(text, [path], "image", fps)

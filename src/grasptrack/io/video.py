@@ -24,6 +24,8 @@ from grasptrack.io.limits import check_size, max_megapixels
 _TEXT_ART = frozenset({"ansi", "bintext", "xbin", "idf"})
 """Decoders with which FFmpeg draws any text file as a video of letters."""
 
+_STILLS = frozenset({"heic", "heix", "heim", "heis", "mif1", "avif"})
+"""Brands of files that hold an image, in tiles where it is large."""
 
 _UNREADABLE = re.compile("[\ufffd\udc80-\udcff]")
 """What stands for bytes that are not UTF-8, before PyAV 19 and from it on."""
@@ -142,7 +144,12 @@ def check_stream(container: Any, name: str) -> None:
     Raises:
         SourceError: no video, or above the limit of size.
     """
-    codec = container.streams.video[0].codec_context if container.streams.video else None
+    tiles = len(container.streams.video)
+    if tiles > 1 and container.metadata.get("major_brand", "").strip() in _STILLS:
+        raise SourceError(
+            f"{name} is a HEIF image of {tiles} tiles, which are not put together: save it as JPEG or PNG"
+        )
+    codec = container.streams.video[0].codec_context if tiles else None
     if codec is None or codec.name in _TEXT_ART:
         why = "it has no video stream" if codec is None else "it is text"
         raise SourceError(f"{name} is no video that can be read: {why}", name=name)
