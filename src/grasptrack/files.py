@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -34,6 +34,21 @@ def whole_file(path: Path) -> Iterator[Path]:
 def is_full_disk(error: OSError) -> bool:
     """Whether it says that a file system, or a limit of this user's or process's, takes no more."""
     return error.errno in _NO_ROOM
+
+
+def keep_inputs(written: Iterable[Path], read: Iterable[str | Path]) -> None:
+    """See, before anything is written, that nothing will be written over what is to be read.
+
+    Raises:
+        InputError: something would.
+    """
+    inputs = {Path(each).resolve() for each in read}
+    for path in written:
+        if path.resolve() in inputs:
+            raise InputError(
+                f'"{path}" is to be read, and would be written over: name another folder or file for what is written',
+                path=str(path),
+            )
 
 
 def prepare_folder(output: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from grasptrack.cli.main import main
-from recordings import plate, plates, rows, write
+from recordings import movie, plate, plates, rows, write
 
 
 def refused(given: list[str], capsys: pytest.CaptureFixture[str], status: int = 2) -> str:
@@ -196,3 +196,33 @@ def test_what_is_nobodys_mistake_is_status_1_and_still_one_line(
     monkeypatch.setenv("GRASPTRACK_DEBUG", "1")
     with pytest.raises(RuntimeError):
         main(given)
+
+
+@pytest.mark.parametrize(
+    ("verb", "name", "more"),
+    [
+        ("track", "overlay.mp4", []),
+        ("track", "summary.png", []),
+        ("track", "own.mp4", ["--jsonl", "OUT/own.mp4"]),
+        ("live", "overlay.mp4", ["--start"]),
+        ("synthesize", "grasps.png", []),
+        ("inspect", "inspect.png", []),
+        ("inspect", "candidates.png", []),
+        ("transfer", "transfer.png", []),
+        ("synthesize", "photo.png", ["--ignore", "OUT/grasps.png"]),
+    ],
+)
+def test_what_is_read_is_never_written_over(
+    verb: str, name: str, more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    read = [out / name, *(Path(each.replace("OUT", str(out))) for each in more if each.endswith(".png"))]
+    for path in read:
+        movie(path) if path.suffix == ".mp4" else write(path, plate((150.0, 118.0), 0.2))
+    before = [path.read_bytes() for path in read]
+    sources = [str(out / name), *([str(out / name)] if verb == "transfer" else [])]
+    told = refused([verb, *sources, "--output", str(out), *(e.replace("OUT", str(out)) for e in more)], capsys)
+    assert "is to be read, and would be written over: name another folder or file" in told
+    assert [path.read_bytes() for path in read] == before
+    assert sorted(out.iterdir()) == sorted(set(read))

@@ -225,15 +225,19 @@ def test_a_number_of_fingers_that_the_strategy_cannot_carry_is_told(tmp_path: Pa
 
 
 def test_recordings_are_whole_videos_in_the_runs_folder(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    earlier = tmp_path / "run" / "recording-001.mp4"
+    earlier.write_bytes(b"of an earlier session")
     with plate_session(tmp_path, 10) as session:
         record_and_start(session)
         shown = reached(session, "ended")
-        assert shown.recording == "recording-001.mp4"
+        assert shown.recording == "recording-002.mp4"
         session.send_command(told.Record(False))
-        shown = until(session, lambda s: "recording-001.mp4" in s.files)
+        shown = until(session, lambda s: "recording-002.mp4" in s.files)
         assert shown.recording == "" and "10 images" in shown.notice[1]
-    with av.open(str(tmp_path / "run" / "recording-001.mp4")) as container:
+    with av.open(str(tmp_path / "run" / "recording-002.mp4")) as container:
         assert sum(1 for _ in container.decode(video=0)) == 10
+    assert earlier.read_bytes() == b"of an earlier session"
 
 
 def test_a_recording_for_foxglove_is_a_source_again(tmp_path: Path) -> None:

@@ -142,6 +142,10 @@ class FirstImageOptions:
 
         return {**as_asked(self), "object": in_one(self.object_at), "not": in_one(self.not_at)}
 
+    def files(self) -> list[str]:
+        """That are read of what is said."""
+        return [path for path in (self.background, self.camera, self.ignore) if path is not None]
+
     def first_image(self, contacts: Floats | None = None) -> FirstImage:
         """What is said of the object; masks and images are not read yet.
 

@@ -56,7 +56,7 @@ def inspect(
     lens = scene.lens
 
     from grasptrack.documents import write_json
-    from grasptrack.files import prepare_folder
+    from grasptrack.files import keep_inputs, prepare_folder
     from grasptrack.io.json_results import inspection_to_dict
     from grasptrack.trackability import inspect as look
     from grasptrack.trackability.result import as_seen
@@ -64,6 +64,8 @@ def inspect(
     from grasptrack.tracking.numbers import NUMBERS
     from grasptrack.view.inspect import write_inspection
 
+    written = (output / name for name in ("inspect.json", "inspect.png", "candidates.png"))
+    keep_inputs(written, [image, *([] if first.mask is None else [first.mask]), *first.files()])
     prepare_folder(output)
     said = {name: value for name, value in scene.said.tracker_arguments().items() if name != "sure"}
     try:

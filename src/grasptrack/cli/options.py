@@ -367,6 +367,10 @@ class RecordingOptions:
         """As written, for the record of a run."""
         return {"record": self.record, "record_quality": self.record_quality, "jsonl": self.jsonl}
 
+    def files(self) -> list[Path]:
+        """That are written."""
+        return [*(self.record or ()), *([] if self.jsonl in (None, "-") else [Path(self.jsonl or "")])]
+
     def open_recordings(self, asked: Mapping[str, Any]) -> list[Recording]:
         """What the options ask for; recordings keep the options of `asked`.
 

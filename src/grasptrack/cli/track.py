@@ -104,11 +104,12 @@ def track(
     said = first.first_image(grasp.given_contacts())
     tracking = first_image.tracker_settings(grasp, first, hand, known)
 
+    from grasptrack.files import keep_inputs
     from grasptrack.io.bags.source import METADATA
     from grasptrack.io.live import LiveSource
     from grasptrack.io.masks import open_masks
     from grasptrack.io.recording import tracking_options
-    from grasptrack.io.run import run_track
+    from grasptrack.io.run import FILES, run_track
     from grasptrack.io.sources import open_source
 
     settings = images.camera_settings()
@@ -119,6 +120,8 @@ def track(
     asks = not (frames.live or frames.kind == "stdin" or grasp.wait)  # who waits for a sure choice asks no other image
     more = _later_images(source, settings, start) if asks else ()
     tracker = tracking.make_tracker(replace(first.with_images(said), more=more))
+    beside = [output / name for name in (*FILES, "candidates.png")]
+    keep_inputs([*beside, *recording.files()], [*frames.files, *first.files()])
     recordings = recording.open_recordings(asked)
     quiet = quiet or recording.jsonl == "-"  # the standard output is for the lines
     done, chosen, notes = 0, False, list[str]()

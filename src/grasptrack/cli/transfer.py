@@ -83,7 +83,7 @@ def transfer(
       grasptrack transfer a.png b.png --camera camera.yaml
       grasptrack transfer a.png b.png --risk 1e-5 --json
     """
-    from grasptrack.files import prepare_folder
+    from grasptrack.files import keep_inputs, prepare_folder
     from grasptrack.first_image import FirstImage
     from grasptrack.grasp.contacts import Grasp
     from grasptrack.tracking.camera import Beforehand
@@ -97,6 +97,8 @@ def transfer(
     places = [None if text is None else first_image.parse_pair(text, written) for text, written in pixels]
     meant = FirstImage.of(places[0], grasp=contacts, ignore=hidden), FirstImage.of(places[1], ignore=hidden)
     images = [first_image.only_image(name, "transfer takes two images").image for name in (image_a, image_b)]
+    read = [path for path in (image_a, image_b, ignore, camera) if path is not None]
+    keep_inputs((output / name for name in ("transfer.json", "transfer.png")), read)
     prepare_folder(output)
     one, other = (first_image.straighten(image, said, calibration) for image, said in zip(images, meant, strict=True))
     lens = one.lens

@@ -9,6 +9,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -97,6 +98,7 @@ class Source(ABC):
         count: number of frames, those before the first included, or None where it is not known.
         exact: whether `count` is certain; for some videos it is estimated from the duration.
         fps: frames/s, or None.
+        files: that are read; none of what comes from a device or a stream.
         names: the frames' file names where frames are files, else empty.
         recorded_with: options of `grasptrack track` that track a recording of our own again alike; empty where none are known.
         shortfall: after the last frame: one sentence if there were fewer than the source tells of, else empty.
@@ -112,6 +114,7 @@ class Source(ABC):
         if fps is not None and not (0.0 < fps < math.inf):
             raise SourceError(f"fps must be a positive number of frames/s, not {fps:g}", fps=fps)
         self.spec = spec
+        self.files: tuple[Path, ...] = ()
         self.first = 0
         self.count: int | None = None
         self.exact = False

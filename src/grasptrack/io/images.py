@@ -175,10 +175,10 @@ class ImageSource(Source):
         self.count = len(paths)
         self.exact = True
         self.names = tuple(p.name for p in paths)
-        self._paths = tuple(paths)
+        self.files = tuple(paths)
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
-        yield from read_all(self._paths, self.first)
+        yield from read_all(self.files, self.first)
 
 
 class PagesSource(Source):
@@ -190,6 +190,7 @@ class PagesSource(Source):
     def __init__(self, path: Path, pages: Sequence[int], fps: float | None = None) -> None:
         super().__init__(str(path), fps)
         self._path, self._pages, self.count = path, tuple(pages), len(pages)
+        self.files = (path,)
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
         to_eight = EightBits()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from grasptrack.documents import write_json
 from grasptrack.errors import InputError
-from grasptrack.files import hold_folder, prepare_folder
+from grasptrack.files import hold_folder, keep_inputs, prepare_folder
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.columns import UNITS
 from grasptrack.io.results import GraspsCsv, RunSummary, Tally, software_versions
@@ -72,12 +72,14 @@ def run_track(
         Counts, figures and the files written.
 
     Raises:
-        InputError: the folder cannot be written, another run writes to it, the disk is full, or a frame or mask cannot be used;
+        InputError: a file of the run would be written over one that is read, the folder cannot be written, another run writes
+            to it, the disk is full, or a frame or mask cannot be used; then
             the rows before it are kept.
     """
     with contextlib.ExitStack() as held:
         for recording in recordings:
             held.callback(_close_after_all, recording)
+        keep_inputs((output / name for name in FILES), source.files)
         held.enter_context(hold_folder(output))
         prepare_output(output)
         run = Run(output, tracker.fingers, source, video, dict(options or {}))

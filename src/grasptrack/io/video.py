@@ -51,7 +51,7 @@ class VideoSource(Source):
 
     def __init__(self, path: Path, fps: float | None = None) -> None:
         super().__init__(str(path), fps)
-        self._path = path
+        self._path, self.files = path, (path,)
         if path.stat().st_size == 0:
             raise SourceError(f'video "{path}" is empty', path=str(path))
         with self._open_container() as container:

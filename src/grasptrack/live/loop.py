@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from grasptrack.files import keep_inputs
 from grasptrack.io.base import Source
 from grasptrack.io.recording import WriterThread
 from grasptrack.io.results import RunSummary
@@ -53,6 +54,7 @@ class SessionLoop(ABC):
         record_as: str,
         pace: bool,
     ) -> None:
+        keep_inputs((output / name for name in FILES), source.files)
         prepare_output(output)
         self._source, self._output, self._pace = source, output, pace
         self._run = Run(output, fingers, source, False, dict(options))

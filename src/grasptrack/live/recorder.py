@@ -85,7 +85,8 @@ class Recordings:
         if self._present is not None:
             return
         self._how = how = _How()
-        path = self._folder / f"recording-{self._count + 1:03d}{self._suffix}"
+        while (path := self._folder / f"recording-{self._count + 1:03d}{self._suffix}").exists():
+            self._count += 1  # of an earlier session
         recording: Recording
         recording = OverlayVideo(path, self._fps) if self._suffix == VIDEO else create_recording(path, options=how.told)
         self._count += 1

@@ -40,7 +40,7 @@ class BagSource(Source):
 
     def __init__(self, spec: str, path: Path, topic: str, fps: float | None = None, bits: int | None = None) -> None:
         super().__init__(spec, fps)
-        self._path, self._bits = path, bits
+        self._path, self._bits, self.files = path, bits, (path,)
         bag = self._open_bag()
         try:
             topics = self._translate_errors(bag.topics)
