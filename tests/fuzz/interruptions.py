@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs of the command line, interrupted at random moments by Ctrl-C, SIGTERM and kill -9.
+"""Runs of the command line, interrupted at random moments by Ctrl-C, SIGTERM, SIGHUP and kill -9.
 
     python tests/fuzz/interruptions.py --count 500 --seed 1
 
-Whatever strikes, every file that is there can be read, Ctrl-C and SIGTERM end in one line and status 130, and no process is
+Whatever strikes, every file that is there can be read, all but the last end in one line and status 130, and no process is
 left over. Evaluations and trials are interrupted in one folder until they are finished; they must then hold what
 a run without interruption holds. The same seed interrupts alike, but for what the machine does meanwhile.
 """
@@ -32,7 +32,7 @@ from grasptrack.errors import SourceError
 from grasptrack.io.limits import HELD
 from harness import Finding, options, tell
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
 FRAMES = 60
 PATIENCE = 30.0
 """Seconds within which a run ends that was told to, and its workers after it."""

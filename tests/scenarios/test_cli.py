@@ -22,6 +22,10 @@ from grasptrack.cli.main import main
 from grasptrack.io.columns import csv_columns
 from recordings import plate, plates, rows, write
 
+ENDINGS = [signal.SIGINT, signal.SIGTERM]
+if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # nohup has these tests ignore it, too
+    ENDINGS.append(signal.SIGHUP)
+
 
 def test_the_hand_decides_which_grasp_is_tracked(tmp_path: Path) -> None:
     folder, out = plates(tmp_path / "in", 2), tmp_path / "out"
@@ -222,7 +226,7 @@ print(found)
     assert done.stdout.splitlines()[-1] == str([[]] * (1 + len(VERBS)))
 
 
-@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("how", [number.name for number in ENDINGS])
 def test_an_interrupted_process_is_not_taken_down_piece_by_piece(how: str) -> None:
     code = f"""
 import atexit, os, signal, sys
@@ -240,7 +244,7 @@ sys.exit(main.main())
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("how", [number.name for number in ENDINGS])
 def test_a_signal_after_the_work_leaves_its_status(how: str) -> None:
     code = f"""
 import atexit, os, signal, sys
@@ -253,7 +257,7 @@ sys.exit(main())
     assert done.returncode == 2 and done.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", ENDINGS)
 def test_a_signal_while_python_takes_itself_down_leaves_the_status(number: signal.Signals) -> None:
     """Python gives its handlers back before it destroys its modules, and a signal would kill."""
     code = """
@@ -275,7 +279,7 @@ sys.exit(3)
         assert process.wait(30.0) == 3
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", ENDINGS)
 def test_a_signal_that_c_code_makes_another_error_of_is_an_interruption(
     number: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -28,6 +28,12 @@ INTERRUPTED = 130
 _held: list[str] = []
 
 
+def _endings() -> list[signal.Signals]:
+    """Signals that end a run in good order: Ctrl-C, SIGTERM, and a terminal that is closed, unless nohup has that ignored."""
+    known = (signal.Signals[name] for name in ("SIGINT", "SIGTERM", "SIGHUP") if name in signal.Signals.__members__)
+    return [n for n in known if n.name != "SIGHUP" or signal.getsignal(n) != signal.SIG_IGN]
+
+
 class RunInterruptedError(Exception):
     """Ctrl-C or SIGTERM ended a run whose files are whole; the message says where they are."""
 
@@ -40,7 +46,7 @@ class Struck:
 
 @contextlib.contextmanager
 def signals_as_interrupts() -> Iterator[Struck]:
-    """Ctrl-C and SIGTERM raise KeyboardInterrupt, where Python lets us: in the main thread.
+    """Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt, where Python lets us: in the main thread.
 
     Some C code makes an error of its own of an exception that strikes within it, as the loading of a module does; what is
     yielded remembers that it was a signal.
@@ -54,7 +60,7 @@ def signals_as_interrupts() -> Iterator[Struck]:
     if threading.current_thread() is not threading.main_thread():
         yield struck
         return
-    before = {number: signal.signal(number, raise_interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, raise_interrupt) for number in _endings()}
     try:
         yield struck
     finally:
@@ -69,10 +75,10 @@ def end_process(status: int) -> None:
             sys.stdout.flush()
         os._exit(status)
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in _endings():
             signal.signal(number, lambda *_: os._exit(status))
         # Last of all Python takes handlers of its own away, and a signal would kill: one that is ignored stays so.
-        atexit.register(lambda: [signal.signal(n, signal.SIG_IGN) for n in (signal.SIGINT, signal.SIGTERM)])
+        atexit.register(lambda: [signal.signal(n, signal.SIG_IGN) for n in _endings()])
 
 
 def tell_error(message: str) -> None:
@@ -120,7 +126,7 @@ def held_warnings() -> list[str]:
 
 
 class Interruption:
-    """Ctrl-C or SIGTERM, held back until a frame is finished; a second one strikes at once.
+    """Ctrl-C, SIGTERM or SIGHUP, held back until a frame is finished; a second one strikes at once.
 
     `raise_if_pressed` raises KeyboardInterrupt when it was pressed.
     """
@@ -130,9 +136,9 @@ class Interruption:
         self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Interruption:
-        """Take over both signals, where Python lets us: in the main thread."""
+        """Take over the signals, where Python lets us: in the main thread."""
         if threading.current_thread() is threading.main_thread():
-            self._before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
+            self._before = {s: signal.signal(s, self._on_signal) for s in _endings()}
         return self
 
     def __exit__(self, *_: object) -> None:
