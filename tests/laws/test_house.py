@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 38_725,
-    "src/grasptrack/tracking": 7_468,
+    "src/grasptrack": 38_730,
+    "src/grasptrack/tracking": 7_473,
     "src/grasptrack/servo": 4_862,
     "src/grasptrack/io": 5_109,
     "src/grasptrack/segmentation": 3_828,

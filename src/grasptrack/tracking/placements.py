@@ -14,7 +14,7 @@ from grasptrack.typing import Floats
 
 SIZE = 48.0
 """px, sqrt(area) that is left to the object when the look is halved."""
-MOST_EDGES = 4000
+MOST_EDGES = 2000
 """Pixels of edges that vote, evenly drawn of all."""
 TURNS, CELLS = 90, 32
 """Cells of the votes in a turn, and in the object's size."""
@@ -66,11 +66,13 @@ def find_placements(look: Look, plane: Floats, points: Floats, lighter: Floats) 
     votes = votes + np.roll(votes, 1, axis=0) + np.roll(votes, -1, axis=0)
     for each in votes:
         cv2.blur(each, (3, 3), each)
+    most = votes.max(axis=0)
     own = ((middle - low) / cell).astype(int)
-    _clear_about(votes, (0, int(own[1]), int(own[0])), int(SAME_PLACE * CELLS), TURNS)
+    _clear_about(votes, most, (0, int(own[1]), int(own[0])), int(SAME_PLACE * CELLS), TURNS)
     found: list[Floats] = []
     for _ in range(MOST_PLACEMENTS):
-        k0, j0, i0 = (int(each) for each in np.unravel_index(votes.argmax(), votes.shape))
+        j0, i0 = (int(each) for each in np.unravel_index(most.argmax(), most.shape))
+        k0 = int(votes[:, j0, i0].argmax())
         if not votes[k0, j0, i0] > 0.0:
             break
         angle, M = 2.0 * math.pi * k0 / TURNS, np.eye(3)
@@ -78,15 +80,18 @@ def find_placements(look: Look, plane: Floats, points: Floats, lighter: Floats) 
         M[:2, 2] = low + (np.array([i0, j0]) + 0.5) * cell - M[:2, :2] @ middle
         G = view @ M @ plane
         found.append(np.asarray(G / G[2, 2], dtype=np.float64))
-        _clear_about(votes, (k0, j0, i0), APART, APART)
+        _clear_about(votes, most, (k0, j0, i0), APART, APART)
     return found
 
 
-def _clear_about(votes: NDArray[np.float32], cell: tuple[int, int, int], cells: int, turns: int) -> None:
-    """No votes within so many cells and turns of a cell."""
+def _clear_about(
+    votes: NDArray[np.float32], most: NDArray[np.float32], cell: tuple[int, int, int], cells: int, turns: int
+) -> None:
+    """No votes within so many cells and turns of a cell; `most` has the most in any turn."""
     k, j, i = cell
-    planes = np.unique(np.arange(k - turns, k + turns + 1) % len(votes))
-    votes[planes, max(j - cells, 0) : max(j + cells + 1, 0), max(i - cells, 0) : max(i + cells + 1, 0)] = 0.0
+    rows, columns = (slice(max(n - cells, 0), max(n + cells + 1, 0)) for n in (j, i))
+    votes[np.unique(np.arange(k - turns, k + turns + 1) % len(votes)), rows, columns] = 0.0
+    most[rows, columns] = votes[:, rows, columns].max(axis=0)
 
 
 def _edges_in_plane(levels: list[Grey], view: Floats, samples: Floats) -> tuple[Floats, Floats]:
