@@ -3,6 +3,7 @@
 
 import random
 from collections.abc import Callable
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -179,6 +180,34 @@ def test_the_pages_of_one_tiff_are_a_sequence(tmp_path: Path, kind: str) -> None
     assert [f.index for f in open_source(tmp_path / "stack.tif").start_at(2)] == [2, 3]
     with pytest.raises(SourceError, match="holds 4 images: it is a sequence of its own, to be given alone"):
         list(open_source(tmp_path))
+
+
+@pytest.mark.parametrize("data", [b"II*\0\0\0\0\0", b"II+\0" + bytes(20), b"MM\0*" + b"\xff" * 30, b"II*\0"])
+def test_a_tiff_without_a_directory_is_refused(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "none.tif").write_bytes(data)
+    with pytest.raises(SourceError, match="cannot be read: it is damaged, or no image"):
+        list(open_source(tmp_path / "none.tif"))
+
+
+@given(st.lists(st.tuples(st.integers(0, 2**16), st.integers(0, 255)), min_size=1, max_size=12), st.floats(0.0, 1.0))
+@settings(max_examples=60)
+def test_a_damaged_stack_is_read_or_refused(changed: list[tuple[int, int]], whole: float) -> None:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "stack.tif"
+        assert cv2.imwritemulti(str(path), [np.full((24, 32), 60 * k + 10, np.uint8) for k in range(3)])
+        data = bytearray(path.read_bytes())
+        for at, value in changed:
+            data[at % len(data)] = value
+        path.write_bytes(data[: max(8, int(len(data) * (1.0 if whole > 0.5 else 2.0 * whole)))])
+        with suppress(SourceError):
+            list(open_source(path))
+
+
+def test_each_page_of_a_stack_is_bound_by_the_limit_of_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert cv2.imwritemulti(str(tmp_path / "s.tif"), [np.zeros((48, 64), np.uint8)] * 2)
+    monkeypatch.setenv("GRASPTRACK_MAX_MEGAPIXELS", "0.001")
+    with pytest.raises(SourceError, match="64x48"):
+        list(open_source(tmp_path / "s.tif"))
 
 
 def test_a_tiff_of_one_page_is_an_image(tmp_path: Path) -> None:

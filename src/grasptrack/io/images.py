@@ -94,11 +94,19 @@ def read_image(path: Path) -> Image:
     Raises:
         SourceError: missing, truncated, no image, or above the limit of size (`grasptrack.io.limits`).
     """
+    return decode_image(read_file(path), f'image "{path}"')
+
+
+def read_file(path: Path) -> bytes:
+    """What an image's file holds.
+
+    Raises:
+        SourceError: it cannot be read.
+    """
     try:
-        data = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise SourceError(f'image "{path}" cannot be read: {error.strerror}', path=str(path)) from None
-    return decode_image(data, f'image "{path}"')
 
 
 def decode_image(data: bytes, name: str) -> Image:
@@ -182,13 +190,24 @@ class ImageSource(Source):
 
 
 class PagesSource(Source):
-    """The images of one TIFF, in order."""
+    """The images of one TIFF, in order.
+
+    Args:
+        path: of the file.
+        pages: their indices, as `pages_of` gives them.
+        size: width and height in px, which all of them have.
+        fps: as for every source.
+    """
 
     kind = "stack"
-    exact = True
 
-    def __init__(self, path: Path, pages: Sequence[int], fps: float | None = None) -> None:
+    def __init__(
+        self, path: Path, pages: Sequence[int], size: tuple[int, int] | None, fps: float | None = None
+    ) -> None:
         super().__init__(str(path), fps)
+        self.exact = True
+        if size is not None:
+            check_size(*size, f'image "{path}"')
         self._path, self._pages, self.count = path, tuple(pages), len(pages)
         self.files = (path,)
 
@@ -199,7 +218,9 @@ class PagesSource(Source):
             if 0 < k < self.first:
                 yield UNREAD, None, name
                 continue
-            found: Sequence[Image] = cv2.imreadmulti(str(self._path), page, 1, flags=cv2.IMREAD_UNCHANGED)[1]
+            found: Sequence[Image] = ()
+            with contextlib.suppress(cv2.error, MemoryError):
+                found = cv2.imreadmulti(str(self._path), page, 1, flags=cv2.IMREAD_UNCHANGED)[1]
             if not found:
                 raise SourceError(f'"{self._path}": {name} cannot be read', path=str(self._path), page=page)
             yield to_eight(found[0]), None, name
@@ -271,7 +292,8 @@ def _bmp_size(data: bytes) -> tuple[int, int]:
 
 def _tiff_size(data: bytes) -> tuple[int, int] | None:
     """The first directory's; of BigTIFF too."""
-    return next(_tiff_directories(data)).size
+    first = next(_tiff_directories(data), None)
+    return None if first is None else first.size
 
 
 class _TiffDirectory(NamedTuple):

@@ -11,7 +11,16 @@ from grasptrack.errors import SourceError
 from grasptrack.io.bags.source import is_bag, open_bag
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.cameras.v4l import open_webcam
-from grasptrack.io.images import ImageSource, PagesSource, images_in, images_matching, is_image_file, pages_of
+from grasptrack.io.images import (
+    ImageSource,
+    PagesSource,
+    image_size_in_header,
+    images_in,
+    images_matching,
+    is_image_file,
+    pages_of,
+    read_file,
+)
 from grasptrack.io.piped import open_piped
 from grasptrack.io.streams import SCHEMES, open_stream
 from grasptrack.io.video import VideoSource
@@ -92,6 +101,8 @@ def open_source(
 def _open_file(text: str, path: Path, fps: float | None) -> Source:
     if not is_image_file(path):
         return VideoSource(path, fps)
-    if path.suffix.lower() in (".tif", ".tiff") and len(pages := pages_of(path.read_bytes())) > 1:
-        return PagesSource(path, pages, fps)
+    if path.suffix.lower() in (".tif", ".tiff"):
+        data = read_file(path)
+        if len(pages := pages_of(data)) > 1:
+            return PagesSource(path, pages, image_size_in_header(data), fps)
     return ImageSource(text, [path], "image", fps)
