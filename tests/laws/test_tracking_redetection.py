@@ -226,7 +226,7 @@ def test_print_is_found_smaller_and_turned_among_stronger_corners(seed: int) -> 
     first, now = (pose_of_card(x, degrees, scale) for x, degrees, scale in ((120.0, 5.0, 1.0), (400.0, 60.0, 0.7)))
     view = View([outline(apply_homography(first, corners))])
     target = Follower(seen(first), view, apply_homography(first, corners[[0, 2]])).target
-    G = Keypoints(target, build_pyramid(seen(first))).find_pose(build_pyramid(seen(now)), turn=1)
+    G = Keypoints(target, build_pyramid(seen(first))).find_pose(build_pyramid(seen(now)), fine=True)
     assert G is not None
     places = apply_homography(target.homography(G) @ first, corners)
     assert places == pytest.approx(apply_homography(now, corners), abs=3.0)

@@ -36,7 +36,6 @@ _INVERSE = (
 _FOREIGN = {
     r"<u0>": "is one of ViSP",
     r"ParGroup\b": "is one of HALCON",
-    r"<(rig|calibration)\b[^>]*>\s*<sensor\b|<document\b[^>]*>\s*<chunk\b": "is one of Metashape",
 }
 """What is told apart by a pattern in its text, and not read."""
 WIDEST, LONGEST = 0.1, 100.0

@@ -235,7 +235,7 @@ class _Scene:
     def by_keypoints(self) -> list[PoseEstimate | None]:
         """The pose on which keypoints of the surface agree, made exact, and the turns of it in which its outline fits as well;
         nothing without, nor where they agree on another object than was pointed at."""
-        G = Keypoints(self.target, build_pyramid(self._first)).find_pose(self._levels, turn=1)
+        G = Keypoints(self.target, build_pyramid(self._first)).find_pose(self._levels, fine=True)
         if G is None:
             return []
         own = self._refine_hypothesis(Hypothesis("keypoints", G, self.target.noise_of_guess))

@@ -59,7 +59,7 @@ KEYPOINT_SIZES = 31.0, 62.0
 """px, sqrt(area) that is left to an object when images are halved for keypoints: SIFT doubles them, so that print has a
 hundred of them; and what is left for one that has become smaller, which takes four times as long."""
 FINE_TURNS = 8
-"""One of so many images of a loss is searched for a smaller one."""
+"""One of so many images of a loss, and its second, is searched for a smaller one."""
 SCORE_SAMPLES = 64
 """Samples of the outline for a first score."""
 STRENGTH_KEPT = 0.25
@@ -112,28 +112,25 @@ class Keypoints:
         self._shown = self._own[self._coarse]  # by the look
         self._image, self._found = levels, self._shown  # the last image that was searched
 
-    def find_pose(self, levels: list[Grey], turn: int) -> Floats | None:
-        """(3, 3) a pose on which enough keypoints of an image's pyramid agree, or None; `turn`: images since it was lost."""
-        H = self._find_motion(self._own[self._level_in(turn)], levels, turn)
+    def find_pose(self, levels: list[Grey], *, fine: bool) -> Floats | None:
+        """(3, 3) a pose on which enough keypoints of an image's pyramid agree, or None; `fine`: it may have become smaller."""
+        H = self._find_motion(self._own[self._fine if fine else self._coarse], levels, fine)
         return None if H is None else self._target.pose(H)
 
-    def find_ground(self, look: Look, levels: list[Grey], turn: int) -> Floats | None:
+    def find_ground(self, look: Look, levels: list[Grey], *, fine: bool) -> Floats | None:
         """(3, 3) the pose of what lies as it lay in a look, by all that this shows; None where too little of it is found."""
         if self._look is not look:
             self._look = look
             self._shown = _detect_keypoints(look.levels[self._coarse], self._coarse, most=MAX_SHOWN)
-        H = self._find_motion(self._shown, levels, turn)
+        H = self._find_motion(self._shown, levels, fine)
         return None if H is None else H @ look.G
 
-    def _level_in(self, turn: int) -> int:
-        return self._fine if turn % FINE_TURNS in (1, FINE_TURNS // 2) else self._coarse
-
-    def _find_motion(self, known: _Keypoints, levels: list[Grey], turn: int) -> Floats | None:
+    def _find_motion(self, known: _Keypoints, levels: list[Grey], fine: bool) -> Floats | None:
         """(3, 3) from the image of some keypoints to that of a pyramid, on which enough of them agree, or None."""
         if known.descriptions is None or len(known.points) < MIN_KEYPOINTS:
             return None
         if self._image is not levels:
-            level = self._level_in(turn)
+            level = self._fine if fine else self._coarse
             self._image, self._found = levels, _detect_keypoints(levels[level], level)
         found = self._found
         if found.descriptions is None or len(found.points) < MIN_KEYPOINTS:
@@ -327,7 +324,7 @@ class Redetection:
         if turn % 3 == 0:
             others += [Hypothesis("shifted", G, wide) for G in shifted_looks(target, state.located, levels)]
         if _is_turn_of_keypoints(turn):
-            G = self._keypoints.find_pose(levels, turn)
+            G = self._keypoints.find_pose(levels, fine=_is_fine_turn(turn))
             if G is not None:
                 others.append(Hypothesis("keypoints", G, wide))
         return found + self.promising(levels, [h for h in others if not self._is_known(h, found)])
@@ -364,7 +361,7 @@ class Redetection:
         """(3, 3) where what lies as it lay in the last look has the object, by keypoints; None in images that get no search."""
         if not _is_turn_of_keypoints(state.lost):
             return None
-        return self._keypoints.find_ground(state.located, levels, state.lost)
+        return self._keypoints.find_ground(state.located, levels, fine=_is_fine_turn(state.lost))
 
     def edge_share(self, grey: Grey, G: Floats, *, turned: bool = False) -> float:
         """Share of the outline at a pose (3, 3) that has an edge of its sign nearby in an image (H, W), quickly.
@@ -397,6 +394,10 @@ class Redetection:
 
 def _is_turn_of_keypoints(lost: int) -> bool:
     return lost < 2 or lost % 2 == 0
+
+
+def _is_fine_turn(lost: int) -> bool:
+    return lost == 1 or lost % FINE_TURNS == FINE_TURNS // 2
 
 
 def best_sighted_pose(state: TrackState, estimates: list[PoseEstimate], steps: float) -> Floats | None:
