@@ -151,3 +151,13 @@ def test_a_frame_of_another_size_ends_a_run_with_its_rows_kept(tmp_path: Path) -
     with pytest.raises(SourceError, match="image 2 of /i"):
         run_track(open_source(path), GraspTracker(), tmp_path / "o", video=False)
     assert len(rows(tmp_path / "o")) == 2
+
+
+@pytest.mark.parametrize("kind", ["ros2-mcap", "mcap"])
+def test_a_bag_is_not_recorded_over(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_bag(tmp_path, kind, {"/i": ("mono8", [plate((150.0, 118.0), 0.2)] * 2)})
+    stored = next(path.glob("*.mcap")) if path.is_dir() else path
+    before = stored.read_bytes()
+    assert main(["track", str(path), "--output", str(tmp_path / "out"), "--record", str(stored)]) == 2
+    assert "is to be read, and would be written over" in capsys.readouterr().err
+    assert stored.read_bytes() == before

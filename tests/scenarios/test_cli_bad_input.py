@@ -210,6 +210,8 @@ def test_what_is_nobodys_mistake_is_status_1_and_still_one_line(
         ("inspect", "candidates.png", []),
         ("transfer", "transfer.png", []),
         ("synthesize", "photo.png", ["--ignore", "OUT/grasps.png"]),
+        ("live", "own.mp4", ["--start", "--background", "OUT/summary.png"]),
+        ("track", "own.png", ["--masks", "OUT/candidates.png"]),
     ],
 )
 def test_what_is_read_is_never_written_over(

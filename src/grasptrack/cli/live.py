@@ -75,11 +75,13 @@ def live(
     except ImportError as error:
         raise InputError(f"the live page needs {error.name}: {install_hint('live')}") from None
 
-    from grasptrack.files import hold_folder
+    from grasptrack.files import hold_folder, keep_inputs
+    from grasptrack.io.run import FILES
     from grasptrack.io.sources import open_source
     from grasptrack.live.session import LiveSession
 
     frames = open_source(source, images.fps, settings=images.camera_settings())
+    keep_inputs((output / name for name in FILES), first.files())  # the session sees to its source
     said = first.with_images(said)
     settings.make_tracker(said)  # what does not go together is told before anything is served
     listener = bind_socket(host, port)  # before anything in the folder is replaced

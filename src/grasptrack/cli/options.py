@@ -209,7 +209,8 @@ class KnownGeometry:
         option(
             OBJECT,
             "VX,VY",
-            "How the belt that carries the object moves in the first image, in px/s: equal parts that pass are told apart.",
+            "How the belt that carries the object moves in the first image, in px/s, before a camera at rest: equal parts "
+            "that pass are told apart.",
         ),
     ] = None
     pixel_aspect: Annotated[

@@ -121,7 +121,7 @@ def track(
     more = _later_images(source, settings, start) if asks else ()
     tracker = tracking.make_tracker(replace(first.with_images(said), more=more))
     beside = [output / name for name in (*FILES, "candidates.png")]
-    keep_inputs([*beside, *recording.files()], [*frames.files, *first.files()])
+    keep_inputs([*beside, *recording.files()], [*frames.files, *first.files(), *(segmentation or ())])
     recordings = recording.open_recordings(asked)
     quiet = quiet or recording.jsonl == "-"  # the standard output is for the lines
     done, chosen, notes = 0, False, list[str]()

@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image, Source
 from grasptrack.io.images import EightBits, decode_image
-from grasptrack.io.video import UprightImages, check_stream, decode_frames, open_media
+from grasptrack.io.video import UprightImages, check_stream, decode_frames, open_media, warn_of_aspect
 
 NAME = "the standard input"
 _JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
@@ -48,6 +48,7 @@ class PipedSource(Source):
             check_stream(container, NAME)
             stream, index = container.streams.video[0], 0
             upright = UprightImages(stream)
+            warn_of_aspect(stream, NAME)
             try:
                 for frame in decode_frames(container):
                     time = None if frame.pts is None else float(frame.pts * (frame.time_base or stream.time_base))

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image
 from grasptrack.io.live import DeviceGoneError, LiveSource, take_patience
-from grasptrack.io.video import UprightImages, check_stream, open_media
+from grasptrack.io.video import UprightImages, check_stream, open_media, warn_of_aspect
 
 SCHEMES = ("rtsp", "rtsps", "http", "https", "udp")
 _OPENING, _SILENCE = 5.0, 2.0
@@ -41,6 +41,7 @@ class _Stream:
             self._packets = self._container.demux(self._container.streams.video[0])
             self._decoded: list[Any] = []
             self._upright = UprightImages(self._container.streams.video[0])
+            warn_of_aspect(self._container.streams.video[0], name)
         except BaseException:
             self._container.close()
             raise

@@ -57,7 +57,7 @@ class VideoSource(Source):
         with self._open_container() as container:
             stream = container.streams.video[0]
             self._warn_of_metadata(container)
-            self._warn_of_aspect(stream)
+            warn_of_aspect(stream, f'video "{self._path}"')
             rate = float(stream.average_rate or 0)
             self.fps = fps or (rate if rate > 0 else None)
             self.exact = stream.frames > 0
@@ -90,16 +90,6 @@ class VideoSource(Source):
         if broken:
             told = ", ".join(broken).encode("ascii", "replace").decode()
             warnings.warn(f'video "{self._path}": its {told} is not in UTF-8, and is not read', stacklevel=3)
-
-    def _warn_of_aspect(self, stream: Any) -> None:
-        """Say that contacts are told in px of another size than that of the file."""
-        upright, codec = UprightImages(stream), stream.codec_context
-        size = upright.size_of(codec.width, codec.height)
-        if size != (codec.width, codec.height):
-            wide = f"pixels are {upright.aspect:.4g} times as wide as high"
-            warnings.warn(
-                f'video "{self._path}": its {wide}; it is read with square ones, {size[0]}x{size[1]}', stacklevel=3
-            )
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
         import av
@@ -155,6 +145,15 @@ def check_stream(container: Any, name: str) -> None:
         raise SourceError(f"{name} is no video that can be read: {why}", name=name)
     check_size(*UprightImages(container.streams.video[0]).size_of(codec.width, codec.height), f"video {name}")
     codec.options = {**codec.options, **_decoder_limit()}
+
+
+def warn_of_aspect(stream: Any, name: str) -> None:
+    """Say, where its pixels are not square, that contacts are told in px of another size than that of the file or stream."""
+    upright, codec = UprightImages(stream), stream.codec_context
+    size = upright.size_of(codec.width, codec.height)
+    if size != (codec.width, codec.height):
+        wide = f"pixels are {upright.aspect:.4g} times as wide as high"
+        warnings.warn(f"{name}: its {wide}; it is read with square ones, {size[0]}x{size[1]}", stacklevel=3)
 
 
 def _decoder_limit() -> dict[str, str]:

@@ -118,8 +118,8 @@ class GraspTracker:
             it. Results then tell their `distance` in this unit.
         pixel_aspect: width of a pixel over its height, as of an image that was squeezed; a calibration says it itself. Without
             it views that differ tell, and the notice "not-pinhole".
-        belt: (x, y) px/s, how a belt that carries the object moves in the first image, known beforehand. The object is expected
-            where it has gone by then, after any gap; without it every view has to show how it moves.
+        belt: (x, y) px/s, how a belt that carries the object moves in the first image, before a camera at rest. The object is
+            expected where it has gone by then, after any gap; without it every view has to show how it moves.
         tolerance: by which a contact may be off, in their place: px, a Length or a text such as
             "5%"; mm need the scale of `hand`. It is one on the object, as the image shows that in which the grasp is chosen,
             and goes with its size.

@@ -22,6 +22,10 @@ from grasptrack.plugins import import_extra
 SUFFIXES = frozenset({".bag", ".mcap", ".db3"})
 
 
+_STORED = frozenset({".mcap", ".db3", ".bag", ".zstd", ".yaml"})
+"""Suffixes of what a folder that is a bag consists of."""
+
+
 class BagSource(Source):
     """The images of one topic of a recording, in its order; every one of them.
 
@@ -40,7 +44,9 @@ class BagSource(Source):
 
     def __init__(self, spec: str, path: Path, topic: str, fps: float | None = None, bits: int | None = None) -> None:
         super().__init__(spec, fps)
-        self._path, self._bits, self.files = path, bits, (path,)
+        self._path, self._bits = path, bits
+        stored = [p for p in path.iterdir() if p.suffix in _STORED] if path.is_dir() else [path]
+        self.files = tuple(sorted(stored))
         bag = self._open_bag()
         try:
             topics = self._translate_errors(bag.topics)
