@@ -171,6 +171,33 @@ def test_alone_in_view_it_has_no_equal(name: str) -> None:
     assert not len(scene.follower.state.equals) and not scene.follower.state.lookalike
 
 
+@pytest.mark.parametrize("alike", [True, False])
+def test_a_part_of_its_outline_with_other_print_is_no_equal(alike: bool) -> None:
+    """Two cards on a table, a hand on the one."""
+    corners = np.array([[0.0, 0.0], [109.0, 0.0], [109.0, 69.0], [0.0, 69.0]])
+
+    def card(seed: int) -> np.ndarray:
+        print_ = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal((70, 110)), (0, 0), 2.0)
+        return np.clip(200.0 + 40.0 * print_ / print_.std(), 0, 255).astype(np.float32)
+
+    def seen(*cards: tuple[int, float, float], seed: int) -> np.ndarray:
+        image = np.full((480, 640), 60.0, np.float32)
+        for which, x, degrees in cards:
+            H = cv2.getRotationMatrix2D((54.5, 34.5), degrees, 1.0) + np.array([[0.0, 0.0, x], [0.0, 0.0, 200.0]])
+            share = cv2.warpAffine(np.ones((70, 110), np.float32), H, (640, 480))
+            image = image * (1.0 - share) + cv2.warpAffine(card(which), H, (640, 480)) * share
+        noise = np.random.default_rng(seed).normal(0.0, 1.5, image.shape)
+        return np.clip(cv2.GaussianBlur(image, (0, 0), 0.7) + noise, 0, 255).astype(np.uint8)
+
+    view = View([outline(corners + np.array([150.0, 200.0]))])
+    follower = Follower(seen((1, 150.0, 0.0), seed=0), view, corners[[0, 2]] + np.array([150.0, 200.0]))
+    for k in range(1, 4):
+        assert follower.update(seen((1, 150.0 + k, 0.0), seed=k)).is_accepted
+    both = seen((1, 153.0, 0.0), (1 if alike else 2, 400.0, 70.0), seed=9)
+    both[150:320, 130:225] = 120  # a hand lies on it
+    assert follower.rivals.shows_equals(Look(build_pyramid(both), follower.state.last.G)) is alike
+
+
 def images_of_a_pack(seed: int) -> list[np.ndarray]:
     """A soft, small pack on an even belt."""
     rng = np.random.default_rng(seed)

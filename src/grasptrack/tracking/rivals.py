@@ -149,6 +149,8 @@ class Rivals:
                 continue
             if _shared_area(state.target, other.G, look.G) > OVERLAP:  # both cannot lie there: it is seen by its edges
                 continue
+            if wrong_object_probability(state, other, 1.0) > 0.5:  # of the same outline, but not of its looks
+                continue
             held = share_in_view(other.G, state.target.outline, look.levels[0])
             if pose_evidence(state, other) > LOOKALIKE_EVIDENCE * held * pose_evidence(state, own) > 0.0:
                 found.append(other)
