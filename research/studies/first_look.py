@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The first look on photos: is the object found first, or among three; is its probability true; and the fit of its numbers.
 
-With `--segmenter u2netp` (see `grasptrack models`) the net's map takes part. `--fit` fits what `choice.json` says of
-probabilities to all hints but polygons, and leaves out each kind of object in turn for the figures beside it.
+With `--segmenter u2netp` (see `grasptrack models`) the net's map takes part. `--parts` adds the first images of all scenes of
+the suite with these parts, but those that show a part's sides. `--fit` fits what `choice.json` says of probabilities to all
+hints but polygons, and leaves out each kind of object, or of scene, in turn for the figures beside it.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ from grasptrack.segmentation.proposals import GIVEN, THRESHOLD
 from grasptrack.segmentation.segmenters import Region, Segmenter, segmenter_for
 from grasptrack.typing import Bools, Floats, Pixels
 from grasptrack_bench.metrics.mask_agreement import ENOUGH_F, ENOUGH_IOU, boundary_f, intersection_over_union, mask_of
+from grasptrack_bench.scenes import built_in, make_scene_cases
+from grasptrack_bench.simulation.coverage import inside_mask
+from grasptrack_bench.simulation.disturbances import DISTURBANCES
 from research.studies import common
 from research.studies.common import Photo
 from research.studies.polygons import mask_corners, move_corners
@@ -36,6 +40,12 @@ HINTS = ("nothing", "pixel", "box", "polygon")
 BINS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)
 FITTED = ("nothing", "pixel", "box")
 SURE = 0.9
+SURE_HEADER = ["hint", "of", "looks", f"sure at {SURE:g}", "of these right"]
+SIDES = ("aside", "bevel", "block", "thick", "thick-6")
+"""Scenes that show a part's sides, which belong to its outline in the first image, and not to the truth."""
+BENCH = "suite"
+PHOTO_WEIGHT = 4.0
+"""Of a look at a photo beside one at a rendered image: there are fewer."""
 RIDGE = 1.5
 """Of the logistic fit, on the weights of terms of unit variance: the terms are few and the photos, too."""
 
@@ -102,11 +112,26 @@ def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> PhotoLook:
         bool(right and right[0]),
         any(right),
         first.probability if first else 0.0,
-        Signs(np.nan_to_num(first.rating), np.nan_to_num(first.lead, posinf=math.inf), first.returned)
+        Signs(
+            np.nan_to_num(first.rating),
+            np.nan_to_num(first.lead, posinf=math.inf),
+            *np.nan_to_num((first.returned, first.thin, first.leaking)).tolist(),
+        )
         if first
-        else Signs(0.0, 0.0, 0.0),
+        else Signs(0.0, 0.0, 0.0, 1.0, 1.0),
         ms,
     )
+
+
+def suite_images(parts: Sequence[str], seed: int) -> list[Photo]:
+    """The first image of each scene of the suite with these parts, as photos of kinds of scenes."""
+    names = [name for name in DISTURBANCES if name not in SIDES]
+    made = []
+    for case in make_scene_cases(built_in(parts), names, frames=2, seed=seed):
+        frame = case.scene()[0]
+        truth = inside_mask(frame.outline, frame.image.shape[1], frame.image.shape[0])
+        made.append(Photo(case.name, case.disturbance, BENCH, frame.image, truth))
+    return made
 
 
 def generator_rows(photos: Sequence[Photo], segmenter: Segmenter | None) -> list[list[Any]]:
@@ -131,8 +156,9 @@ def generator_rows(photos: Sequence[Photo], segmenter: Segmenter | None) -> list
     return [*rows, ["all together", 100.0 * float(table.any(axis=0).mean()), math.nan]]
 
 
-def fit_logistic(terms: Floats, right: Bools, factor: Floats | float = 1.0) -> Floats:
-    """(1 + k,) constant and weights of a logistic function of terms (n, k), with a ridge; what it is multiplied by is given."""
+def fit_logistic(terms: Floats, right: Bools, factor: Floats | float = 1.0, counts: Floats | float = 1.0) -> Floats:
+    """(1 + k,) constant and weights of a logistic function of terms (n, k), with a ridge; what it is multiplied by is given,
+    and how much each look counts."""
     from scipy.optimize import minimize  # of the development extras
 
     middle, spread = terms.mean(axis=0), terms.std(axis=0) + 1e-9
@@ -140,21 +166,26 @@ def fit_logistic(terms: Floats, right: Bools, factor: Floats | float = 1.0) -> F
 
     def logistic_cost(weights: Floats) -> float:
         told = np.clip(factor / (1.0 + np.exp(-scaled @ weights)), 1e-9, 1.0 - 1e-9)
-        return float(RIDGE * (weights[1:] ** 2).sum() - np.log(np.where(right, told, 1.0 - told)).sum())
+        return float(RIDGE * (weights[1:] ** 2).sum() - (counts * np.log(np.where(right, told, 1.0 - told))).sum())
 
     found = np.asarray(minimize(logistic_cost, np.zeros(scaled.shape[1])).x, dtype=np.float64)
     slopes = found[1:] / spread
     return np.concatenate([[found[0] - float(slopes @ middle)], slopes])
 
 
+def look_counts(looked: Sequence[PhotoLook]) -> Floats:
+    """(n,) how much each look counts."""
+    return np.array([1.0 if r.scene == BENCH else PHOTO_WEIGHT for r in looked])
+
+
 def cross_validated(looked: Sequence[PhotoLook]) -> Floats:
     """(n,) probabilities of being right, those of each kind of object by a fit to the others."""
     terms, ties = np.array([r.signs.terms for r in looked]), np.array([tie_factor(r.signs.lead) for r in looked])
     right, kinds = np.array([r.first for r in looked]), np.array([r.kind for r in looked])
-    told = np.zeros(len(looked))
+    told, counts = np.zeros(len(looked)), look_counts(looked)
     for kind in set(kinds.tolist()):
         mine = kinds == kind
-        weights = fit_logistic(terms[~mine], right[~mine], ties[~mine])
+        weights = fit_logistic(terms[~mine], right[~mine], ties[~mine], counts[~mine])
         told[mine] = ties[mine] / (1.0 + np.exp(-weights[0] - terms[mine] @ weights[1:]))
     return told
 
@@ -174,34 +205,45 @@ def report_fit(looked: Sequence[PhotoLook]) -> None:
     fitted = [r for r in looked if r.hint in FITTED and r.probability > 0.0]
     right = np.array([r.first for r in fitted])
     ties = np.array([tie_factor(r.signs.lead) for r in fitted])
-    weights = fit_logistic(np.array([r.signs.terms for r in fitted]), right, ties)
+    weights = fit_logistic(np.array([r.signs.terms for r in fitted]), right, ties, look_counts(fitted))
     wrong = [r for r in fitted if not r.first]
     among = float(np.mean([r.three for r in wrong])) if wrong else 0.0
-    names = ("offset", "rating", "lead", "returned")
+    names = ("offset", *Signs._fields)
     numbers = ", ".join(f'"{name}": {w:.2f}' for name, w in zip(names, weights.tolist(), strict=True))
     common.add_paragraph(f'Fitted to {len(fitted)} looks: {numbers}, "among": {among:.2f}')
-    drawn = [r for r in looked if r.hint == "polygon" and r.probability > 0.0]
+    drawn = [r for r in looked if r.hint == "polygon" and r.probability > 0.0 and r.scene != BENCH]
     terms = np.array([[r.signs.terms[2]] for r in drawn])
     offset, returned = fit_logistic(terms, np.array([r.first for r in drawn])).tolist()
     common.add_paragraph(f'Fitted to {len(drawn)} polygons: "offset": {offset:.2f}, "returned": {returned:.2f}')
     told = cross_validated(fitted)
-    rows = []
-    for hint in FITTED:
-        mine = np.array([r.hint == hint for r in fitted])
-        sure, order = mine & (told >= SURE), np.flatnonzero(mine)[np.argsort(-told[mine])]
-        half = right[order[: (len(order) + 1) // 2]]
-        rows.append([hint, int(mine.sum()), int(sure.sum()), int(right[sure].sum()), 100.0 * float(half.mean())])
-    common.add_paragraph("Each kind of object by a fit to the others:")
-    common.add_table(["hint", "photos", f"sure at {SURE:g}", "of these right", "right of the surest half, %"], rows)
+    common.add_paragraph("Each kind of object, or of scene, by a fit to the others:")
+    common.add_table(SURE_HEADER, sure_rows(fitted, told))
     common.add_table(["probability, all three hints", "looks", "right as told", "right"], reliability_rows(told, right))
+
+
+def sure_rows(looked: Sequence[PhotoLook], told: Floats) -> list[list[Any]]:
+    """By hint, of photos and of the suite: how many are sure by these probabilities, and how many of these are right."""
+    right, rows = np.array([r.first for r in looked]), list[list[Any]]()
+    for hint in FITTED:
+        for name in ("photos", BENCH):
+            mine = np.array([r.hint == hint and (r.scene == BENCH) is (name == BENCH) for r in looked])
+            if mine.any():
+                sure = mine & (told >= SURE)
+                rows.append([hint, name, int(mine.sum()), int(sure.sum()), int(right[sure].sum())])
+    return rows
 
 
 def main() -> None:
     """Run the study."""
     parser = common.create_parser(__doc__)
     parser.add_argument("--segmenter", help='as `track --segmenter`; "classical" if not given')
+    parser.add_argument(
+        "--parts", type=lambda text: text.split(","), default=[], help="shapes of the suite, with commas"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the suite's scenes")
     parser.add_argument("--fit", action="store_true", help="print numbers of probabilities fitted to these photos")
     args, photos = common.parse_with_photos(parser)
+    photos += suite_images(args.parts, args.seed) if args.parts else []
     given = segmenter_for(args.segmenter)
     segmenter = Remembered(given) if isinstance(given, SalientNet) else given
     common.begin_section(f"First look: photos of one tool each, {args.segmenter or 'classical'}")
@@ -219,6 +261,7 @@ def main() -> None:
     mine = [r for r in looked if r.hint == "nothing"]
     told, right = np.array([r.probability for r in mine]), np.array([r.first for r in mine])
     common.add_table(["probability, no hint", "photos", "right as told", "right"], reliability_rows(told, right))
+    common.add_table(SURE_HEADER, sure_rows(looked, np.array([r.probability for r in looked])))
     common.add_paragraph("Photos with a right region among all that are proposed, given the pixel:")
     common.add_table(["source", "holds one, %", "alone, %"], generator_rows(photos, segmenter))
     if args.fit:

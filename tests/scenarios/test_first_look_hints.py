@@ -127,16 +127,24 @@ def test_nested_regions_stay_and_probabilities_fall() -> None:
     st.lists(st.floats(-12.0, 0.0), min_size=1, max_size=30),
     st.floats(0.0, 20.0),
     st.floats(0.0, 1.0),
-    st.floats(0.0, 0.9),
+    st.tuples(*[st.floats(0.1, 0.9)] * 3),
     st.booleans(),
 )
-def test_probabilities_are_such(worth: list[float], lead: float, rating: float, returned: float, mapped: bool) -> None:
-    falling = np.array(sorted(worth, reverse=True))
-    told = choice_probabilities(falling, Signs(rating, lead, returned), load_numbers(mapped))
+def test_probabilities_are_such(
+    worth: list[float], lead: float, rating: float, shares: tuple[float, float, float], mapped: bool
+) -> None:
+    falling, (returned, thin, leaking) = np.array(sorted(worth, reverse=True)), shares
+    signs = Signs(rating, lead, returned, thin, leaking)
+    told = choice_probabilities(falling, signs, load_numbers(mapped))
     assert (told >= 0.0).all() and told.sum() <= 1.0 + 1e-9
     assert (np.diff(told) <= 1e-12).all()
-    for better in (Signs(rating, lead + 1.0, returned), Signs(rating, lead, returned + 0.1)):
-        assert choice_probabilities(falling, better, load_numbers(mapped))[0] >= told[0]
+    for better in (
+        {"lead": lead + 1.0},
+        {"returned": returned + 0.1},
+        {"thin": thin - 0.1},
+        {"leaking": leaking - 0.1},
+    ):
+        assert choice_probabilities(falling, signs._replace(**better), load_numbers(mapped))[0] >= told[0]
 
 
 def test_candidates_are_shown_and_one_is_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

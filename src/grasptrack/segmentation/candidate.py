@@ -19,6 +19,7 @@ from grasptrack.images import PLAIN, Channel, Grey
 from grasptrack.presentation import png_of, to_dict
 from grasptrack.segmentation.closed_edges import Planes
 from grasptrack.segmentation.localization import LocalizedContour, background_within, localize_contour, localize_holes
+from grasptrack.segmentation.outline_colours import outward_normals, sample_colours
 from grasptrack.segmentation.silhouettes import Silhouette
 from grasptrack.typing import Floats, Pixels
 
@@ -35,8 +36,6 @@ ONE_SIGN = 0.9
 """Where at least this share of an outline rises outward, or falls, the object is dark, or light; otherwise it is mixed."""
 SIGN_REACH = 2.0
 """px to either side of an outline in which its rise is looked for."""
-MIN_LENGTH = 1e-9
-
 PLAIN_WEIGHTS = (0.114, 0.587, 0.299)
 """Of blue, green and red in plain grey."""
 BETTER = 1.5
@@ -73,6 +72,8 @@ class Candidate(NamedTuple):
         rating: of its outline, 0 to 1; NaN of what was given.
         lead: logarithm of its worth over that of the best region that is plainly another one; NaN of all but the first.
         returned: share of its outline that comes back when it is displaced; NaN of all but the first.
+        thin: share of its outline on parts too thin for an object's; NaN of all but the first.
+        leaking: share of its outline outside which it looks as inside; NaN of all but the first.
         level: grey level of the threshold that separated it from the ground; NaN where closed edges did.
         recipe: which closing of edges finds it; -1 for a threshold.
         channel: the mixture of colours that shows it; grey levels are levels of that.
@@ -89,6 +90,8 @@ class Candidate(NamedTuple):
     rating: float = math.nan
     lead: float = math.nan
     returned: float = math.nan
+    thin: float = math.nan
+    leaking: float = math.nan
     level: float = math.nan
     recipe: int = -1
     channel: Channel = PLAIN
@@ -189,18 +192,11 @@ def _is_mostly_cut(outline: Contour) -> bool:
 
 def polarity_of(grey: Grey, outline: Contour) -> int:
     """+1 where nearly all of an outline rises outward, -1 where it falls, 0 where it is mixed."""
-    normals = np.ascontiguousarray(_outward_normals(outline.points, 1))
+    normals = np.ascontiguousarray(outward_normals(outline.points, 1))
     rise = kernels.search_along_normals(grey, outline.points, normals, SIGN_REACH, 0)[:, 1]
     total = float(np.abs(rise).sum())
     share = float(rise[rise > 0.0].sum()) / total if total > 0.0 else 0.5
     return 1 if share >= ONE_SIGN else -1 if share <= 1.0 - ONE_SIGN else 0
-
-
-def _outward_normals(points: Floats, step: int) -> Floats:
-    """(n, 2) unit normals of a closed curve, of the chord from `step` points before each to as many after it."""
-    ahead = np.roll(points, -step, axis=0) - np.roll(points, step, axis=0)
-    lengths = np.maximum(np.hypot(*ahead.T), MIN_LENGTH)
-    return np.asarray(np.column_stack([ahead[:, 1], -ahead[:, 0]]) / lengths[:, None])
 
 
 # --- colours -------------------------------------------------------------------------------------
@@ -219,8 +215,8 @@ def best_color_projection(image: Pixels, outline: Contour) -> Channel:
     if image.ndim == 2:
         return PLAIN
     step = max(1, len(outline) // COLOR_SAMPLES)
-    points, normals = outline.points[::step], _outward_normals(outline.points, 2)[::step]
-    within, beyond, farther = (_sample_colors(image, points + k * COLOR_DISTANCE * normals) for k in (-1.0, 1.0, 2.0))
+    points, normals = outline.points[::step], outward_normals(outline.points, 2)[::step]
+    within, beyond, farther = (sample_colours(image, points + k * COLOR_DISTANCE * normals) for k in (-1.0, 1.0, 2.0))
     across, grain = beyond - within, beyond - farther
     between = across.T @ across / len(across)
     noise = grain.T @ grain / len(grain) + np.eye(3)
@@ -243,12 +239,6 @@ def _distinct_share(across: Floats, noise: Floats, weights: Floats) -> float:
     difference = np.abs(across @ weights)
     grain = float(np.sqrt(weights @ noise @ weights))
     return float((difference >= max(CLEAR * grain, FAINT * float(np.median(difference)))).mean())
-
-
-def _sample_colors(image: Pixels, points: Floats) -> Floats:
-    """(n, 3) colours at points (n, 2) px, clamped to the image."""
-    column, row = np.rint(points).astype(np.intp).T
-    return np.asarray(image[row.clip(0, image.shape[0] - 1), column.clip(0, image.shape[1] - 1)], dtype=np.float64)
 
 
 # --- several candidates --------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from grasptrack.segmentation.candidate import (
     is_same_region,
 )
 from grasptrack.segmentation.choice import Signs, choice_probabilities, drawn_probability, load_numbers, measure_worth
+from grasptrack.segmentation.outline_colours import leaking_share
 from grasptrack.segmentation.proposals import (
     GIVEN,
     MIN_EXTENT,
@@ -33,8 +34,8 @@ from grasptrack.segmentation.proposals import (
 )
 from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, region_maps
 from grasptrack.segmentation.shadow import without_shadow
-from grasptrack.segmentation.silhouettes import Silhouette, box_iou, polygon_silhouette
-from grasptrack.segmentation.snapping import OutlineSnapper, outline_agreement
+from grasptrack.segmentation.silhouettes import Silhouette, box_iou, polygon_silhouette, thin_share
+from grasptrack.segmentation.snapping import ALL_ROUND, OutlineSnapper, outline_agreement
 from grasptrack.segmentation.work import CONTOUR, CONTOUR_AREA
 from grasptrack.typing import Floats, Pixels
 
@@ -55,8 +56,8 @@ APART = 0.65
 """Overlap of boxes, and ratio of areas, below which regions are other ones."""
 ROUGH = 2.0
 """px of the working image by which a segmenter's outline may be off: its map is coarser than the image."""
-AGREEING, ALL_ROUND = 8.0, 0.97
-"""px from a polygon that a person drew within which a proposal agrees with it, and the share of both outlines that must."""
+AGREEING = 8.0
+"""px from a polygon that a person drew within which a proposal agrees with it."""
 BOX_AGREEING = 3.0 * AGREEING
 """px that the sides of both boxes may differ by before that is looked at."""
 FALLBACK_RECIPE = 2
@@ -153,12 +154,14 @@ class CandidateSearch:
         lead = min((min(own.worth - r.worth, own.unmapped - r.unmapped) for r in rivals), default=math.inf)
         returned = self._unmapped_snapper.return_share(first.view.outer.points)
         worth = np.array([r.worth for _, r in found])
-        signs = Signs(own.proposal.rating.score, lead, returned)
+        shape, edges = own.proposal.silhouette, self._scene.edges
+        thin, leaking = thin_share(shape, edges.shrink), leaking_share(shape, edges.planes, edges.shrink)
+        signs = Signs(own.proposal.rating.score, lead, returned, thin, leaking)
         # the numbers with a map were fitted to votes: of alternatives the more cautious ones count
         asked = {bool(self._maps), self._voted}
         share = np.min([choice_probabilities(worth, signs, load_numbers(mapped)) for mapped in asked], axis=0)
         judged = [c._replace(probability=float(p)) for (c, _), p in zip(found, share, strict=True)]
-        return [judged[0]._replace(lead=lead, returned=returned), *judged[1:]]
+        return [judged[0]._replace(lead=lead, returned=returned, thin=thin, leaking=leaking), *judged[1:]]
 
     def _drawn_candidate(self, polygon: Floats) -> Candidate:
         """What a rough polygon is: the best rated proposal that agrees with it all round, else the polygon moved onto the edges

@@ -2,9 +2,9 @@
 """Which of many regions is the object that a person would name: one worth for each, and a probability from all of them.
 
 The worth is the rating of the region's outline, times its overlap with the one of a segmenter's maps that it agrees with most,
-times that of its box with the box that was given, each to a power. How likely the first is to be right follows from its rating
-and its lead over the best region that is another one. The numbers are fitted by `research.studies.first_look`; richer
-sets of terms, fitted to rendered benches, chose worse on photos.
+times that of its box with the box that was given, each to a power. How likely the first is to be right follows from `Signs`.
+The numbers are fitted by `research.studies.first_look`. In the worth itself neither these signs nor how smooth an outline is,
+nor the colours under a finger, chose better on photos: open tools are ragged, and a finger lies on print.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ MIN_RATING, MIN_OVERLAP = 1e-6, 0.02
 RATING_OFFSET = 1e-3
 """Added to a rating, so that its logarithm is finite."""
 MAX_LEAD = 2.0
-TIE = 15.0
-"""For each unit of the lead: of two regions that are worth the same either may be meant, a fifth more settles it. A choice: the
-photos that the rest is fitted to show one object each."""
+TIE = 8.0
+"""For each unit of the lead: of two regions that are worth the same either may be meant, two fifths more settle it. From a part
+on a sheet, and equals: at 15 twice as many sure ones are wrong on scenes of other parts, at 6 no fewer than here."""
 ALL_BUT = 0.02
-"""Share of an outline that says nothing by not returning."""
+"""Share of an outline that says nothing by not returning, by being thin, or by leaking."""
 OVERLAP_PIXELS = 48
 """px across of a region in which its overlap with a map is measured."""
 MAX_LOG_ODDS = 50.0
@@ -45,8 +45,8 @@ class ChoiceNumbers(NamedTuple):
     Attributes:
         map_power: of the overlap with a segmenter's map.
         box_power: of the overlap of boxes.
-        offset, rating, lead, returned: of a logistic function: constant, and weights of `Signs.terms`. Times `tie_factor` it is
-            the probability.
+        offset, rating, lead, returned, thin, leaking: of a logistic function: constant, and weights of `Signs.terms`. Times
+            `tie_factor` it is the probability.
         among: share of cases with a wrong first one in which another one is right.
     """
 
@@ -56,6 +56,8 @@ class ChoiceNumbers(NamedTuple):
     rating: float
     lead: float
     returned: float
+    thin: float
+    leaking: float
     among: float
 
 
@@ -66,27 +68,32 @@ class Signs(NamedTuple):
         rating: of its outline, 0 to 1.
         lead: logarithm of its worth over that of the best that is plainly another region; counts up to MAX_LEAD.
         returned: share of its outline that comes back when it is displaced, as of `snapping.OutlineSnapper`.
+        thin: share of its outline on thin parts, as of `silhouettes.thin_share`.
+        leaking: share of its outline that cuts through the object, as of `outline_colours.leaking_share`.
     """
 
     rating: float
     lead: float
     returned: float
+    thin: float
+    leaking: float
 
     @property
-    def terms(self) -> tuple[float, float, float]:
+    def terms(self) -> tuple[float, ...]:
         """What a logistic function weighs."""
-        return math.log(self.rating + RATING_OFFSET), min(self.lead, MAX_LEAD), return_term(self.returned)
+        shares = (1.0 - self.returned, self.thin, self.leaking)
+        return math.log(self.rating + RATING_OFFSET), min(self.lead, MAX_LEAD), *map(soundness_term, shares)
 
 
-def return_term(returned: float) -> float:
-    """What a logistic function weighs of the share of an outline that comes back."""
-    return -math.log(1.0 + ALL_BUT - returned)
+def soundness_term(bad: float) -> float:
+    """What a logistic function weighs of the share of an outline that is bad: each factor of that counts alike."""
+    return -math.log(bad + ALL_BUT)
 
 
 def drawn_probability(returned: float) -> float:
     """Probability that an outline is right that a person drew roughly and edges drew nearer, by the share that comes back."""
     numbers = _fitted_numbers()["drawn"]
-    return logistic(numbers["offset"] + numbers["returned"] * return_term(returned))
+    return logistic(numbers["offset"] + numbers["returned"] * soundness_term(1.0 - returned))
 
 
 def load_numbers(mapped: bool) -> ChoiceNumbers:
@@ -133,7 +140,7 @@ def choice_probabilities(worth: Floats, signs: Signs, numbers: ChoiceNumbers) ->
     """
     if not len(worth):
         return np.zeros(0)
-    weights = (numbers.rating, numbers.lead, numbers.returned)
+    weights = (numbers.rating, numbers.lead, numbers.returned, numbers.thin, numbers.leaking)
     log_odds = numbers.offset + sum(w * t for w, t in zip(weights, signs.terms, strict=True))
     first = logistic(log_odds) * tie_factor(signs.lead)
     rest = np.exp(worth[1:] - worth[0])

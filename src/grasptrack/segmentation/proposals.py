@@ -26,6 +26,7 @@ from grasptrack.segmentation.silhouettes import (
     to_binary,
     trace_silhouettes,
 )
+from grasptrack.segmentation.snapping import ALL_ROUND, outline_agreement
 from grasptrack.segmentation.work import (
     CLOSING,
     GRADIENTS,
@@ -60,6 +61,8 @@ GAP_MARGIN = 10
 GAP_DEPTH, MIN_GAP, OUTSIDE = 4, 8, 0.05
 """px of the reduced image beside a region that are looked at; px of them that show a colour; and the share of a region that may
 lie beyond another one that holds it."""
+SAME_OUTLINE = 3.0
+"""px between outlines of one region that are the same."""
 MIN_SIZE = 20.0
 """px, square root of the area, that regions are compared by at least."""
 THRESHOLD, GIVEN = -1, -2
@@ -316,7 +319,7 @@ def propose_silhouettes(scene: PreparedImage, maps: Sequence[Floats32] = ()) -> 
     pointed_at = list(propose_quadrangles(scene))  # before all else, while the work allows it
     found = [*propose_thresholds(scene), *propose_closed_edges(scene), *propose_from_maps(scene, maps), *pointed_at]
     _doubt_bridged_gaps(found, scene)
-    return _remove_duplicates(sorted(found, key=lambda p: -p.comparison_order))
+    return _remove_duplicates(sorted(found, key=lambda p: -p.comparison_order), scene)
 
 
 def _doubt_bridged_gaps(found: list[OutlineProposal], scene: PreparedImage) -> None:
@@ -345,9 +348,9 @@ def _adds_ground(part: Silhouette, whole: Silhouette, scene: PreparedImage) -> b
     left, top, right, bottom = window = part.box_window(GAP_MARGIN * px, scene.grey.shape)
     colours = scene.planes[top:bottom:px, left:right:px]
     a, b = (np.ascontiguousarray(shape.filled_window(window)[::px, ::px]) for shape in (part, whole))
-    if np.count_nonzero(a & ~b) > OUTSIDE * np.count_nonzero(a):
-        return False
     near, three = np.ones((2 * GAP_DEPTH + 1,) * 2, np.uint8), np.ones((3, 3), np.uint8)
+    if np.count_nonzero(a & ~cv2.dilate(b, three)) > OUTSIDE * np.count_nonzero(a):  # a rim is none of it
+        return False
     more = (cv2.erode(b, three) > 0) & (cv2.dilate(a, near) > 0) & (cv2.dilate(a, three) == 0)
     inside, around = cv2.erode(a, three) > 0, cv2.dilate(b, np.ones((5, 5), np.uint8)) == 0
     if np.count_nonzero(more) < MIN_GAP or not inside.any() or not around.any():
@@ -371,8 +374,20 @@ def is_alike(one: Silhouette, other: Silhouette) -> bool:
     return corners < tolerance and abs(math.sqrt(one.area) - size) < 0.5 * tolerance
 
 
-def _remove_duplicates(found: list[OutlineProposal]) -> list[OutlineProposal]:
-    """Of those that are the same region the first, or the first that a threshold found."""
+def _is_simpler(p: OutlineProposal, other: OutlineProposal, scene: PreparedImage) -> bool:
+    """Whether a proposal shows nearly the same region as another in a simpler way, with no piece bitten out of it.
+
+    Print at the border bites into a threshold's region. Ground that is missing is no bite.
+    """
+    if p.simplicity <= other.simplicity:
+        return False
+    outline = other.silhouette.outer.astype(np.float64)
+    agree = outline_agreement(p.silhouette, outline, SAME_OUTLINE) >= ALL_ROUND
+    return agree or _adds_ground(p.silhouette, other.silhouette, scene)
+
+
+def _remove_duplicates(found: list[OutlineProposal], scene: PreparedImage) -> list[OutlineProposal]:
+    """Of those that are the same region the first, or the first that shows it in a simpler way."""
     kept: list[OutlineProposal] = []
     places = np.zeros((len(found), 5))
     for p in found:
@@ -384,6 +399,6 @@ def _remove_duplicates(found: list[OutlineProposal]) -> list[OutlineProposal]:
         if not len(same):
             places[len(kept)] = place
             kept.append(p)
-        elif p.simplicity > kept[same[0]].simplicity:
+        elif _is_simpler(p, kept[same[0]], scene):
             kept[same[0]] = p
     return sorted(kept, key=lambda p: -p.comparison_order)

@@ -27,6 +27,8 @@ MIN_POLYGON_AREA = 8.0
 """px^2 of what is left of a polygon in the image."""
 MIN_LEVEL_GAP = 6.0
 """Thresholds that differ by fewer grey levels give the same outlines."""
+THIN_RADIUS, THIN_MARGIN = 2, 4
+"""px: what a disc of this radius cannot enter is thin; and px round a region in which it is measured."""
 SUBPIXEL_BITS = 4
 """Binary digits of a pixel's fraction with which OpenCV fills polygons."""
 ROUNDING = 1e-12
@@ -79,6 +81,21 @@ class Silhouette(NamedTuple):
         filled = np.zeros((bottom - top, right - left), np.uint8)
         cv2.drawContours(filled, [self.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED, offset=(-left, -top))
         return filled
+
+
+def thin_share(shape: Silhouette, px: int) -> float:
+    """Share of an outline on spurs, bridges and ragged parts, of the image reduced by `px`.
+
+    These lie beyond what a disc of THIN_RADIUS covers within the region.
+    """
+    outer = shape.outer // px
+    (left, top), (right, low) = outer.min(axis=0), outer.max(axis=0)
+    filled = np.zeros((low - top + 2 * THIN_MARGIN + 1, right - left + 2 * THIN_MARGIN + 1), np.uint8)
+    outer = (outer - (left, top) + THIN_MARGIN).astype(np.int32)
+    cv2.drawContours(filled, [outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * THIN_RADIUS + 1,) * 2)
+    away = cv2.distanceTransform(cv2.bitwise_not(cv2.morphologyEx(filled, cv2.MORPH_OPEN, disc)), cv2.DIST_L2, 3)
+    return float((away[outer[:, 1], outer[:, 0]] > THIN_RADIUS).mean())
 
 
 def box_iou(one: Box | tuple[int, int, int, int], other: Box) -> float:

@@ -43,6 +43,8 @@ RETURNED = 2.5
 """... and px within which its points count as back."""
 FAR, MARGIN = 255, 2
 """What a plane has off a line that distances are measured from, and px round it that the plane needs."""
+ALL_ROUND = 0.97
+"""Share of two outlines beside each other from which they agree."""
 TINY = 1e-9
 
 

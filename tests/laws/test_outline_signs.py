@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an outline's own look says of it: parts too thin to be an object's, sides that do not differ, print that bites."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import grasptrack as gt
+from grasptrack.segmentation.closed_edges import lab_planes
+from grasptrack.segmentation.outline_colours import leaking_share
+from grasptrack.segmentation.silhouettes import Silhouette, thin_share, trace_silhouettes
+
+PLATE = (100, 100, 220, 240)
+"""Left, top, right and lower px, the latter two included."""
+
+
+def filled(*boxes: tuple[int, int, int, int]) -> np.ndarray:
+    mask = np.zeros((480, 640), np.uint8)
+    for left, top, right, low in boxes:
+        mask[top : low + 1, left : right + 1] = 255
+    return mask
+
+
+def silhouette(mask: np.ndarray, px: int = 1) -> Silhouette:
+    return trace_silhouettes(np.kron(mask, np.ones((px, px), np.uint8)))[0]
+
+
+@given(st.integers(3, 40), st.floats(30.0, 150.0), st.floats(0.0, 6.3))
+def test_no_part_of_a_plain_outline_is_thin(corners: int, radius: float, turn: float) -> None:
+    angles = turn + 2.0 * np.pi * np.arange(corners) / corners
+    ring = np.array([320.0, 240.0]) + radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    mask = cv2.fillPoly(filled(), [np.rint(ring).astype(np.int32)], (255,))
+    assert thin_share(silhouette(mask), 1) < 0.03
+
+
+@given(st.integers(20, 200), st.integers(1, 4), st.integers(1, 3))
+def test_a_spur_is_thin_along_both_its_sides_however_large_the_image(length: int, wide: int, px: int) -> None:
+    shape = silhouette(filled(PLATE, (221, 160, 220 + length, 159 + wide)), px)
+    round_the_plate = 2 * (120 + 140)
+    assert thin_share(shape, px) == pytest.approx(2 * length / (2 * length + round_the_plate), abs=0.03)
+
+
+@given(st.integers(5, 20))
+def test_an_arm_of_five_px_and_more_is_none(wide: int) -> None:
+    assert thin_share(silhouette(filled(PLATE, (221, 160, 300, 159 + wide))), 1) < 0.03
+
+
+@given(st.integers(130, 200))
+def test_an_outline_leaks_where_it_cuts_through_its_object(right: int) -> None:
+    image = np.where(filled(PLATE) > 0, np.uint8(60), np.uint8(200))
+    planes = lab_planes(image)
+    assert leaking_share(silhouette(filled(PLATE)), planes, 1) == 0.0
+    part = silhouette(filled((PLATE[0], PLATE[1], right, PLATE[3])))
+    assert leaking_share(part, planes, 1) == pytest.approx(140 / (2 * 140 + 2 * (right - 100)), abs=0.06)
+
+
+@pytest.mark.parametrize("ink", [50, 80])
+def test_print_at_the_border_bites_no_piece_out_of_the_outline(ink: int) -> None:
+    rng = np.random.default_rng(ink)
+    image = np.full((480, 640), 130.0)
+    cv2.rectangle(image, (200, 140), (440, 330), (215.0,), cv2.FILLED)
+    for x in range(215, 430, 24):
+        cv2.rectangle(image, (x, 140), (x + 9, 156), (float(ink),), cv2.FILLED)
+    image = cv2.GaussianBlur(image, (0, 0), 0.8) + rng.normal(0.0, 2.0, image.shape)
+    outline = gt.first_look(image.clip(0, 255).astype(np.uint8), (320, 280))[0].view.outer.points
+    assert np.abs(outline.min(axis=0) - (199.5, 139.5)).max() < 1.5
+    ring = outline.astype(np.float32)
+    assert all(cv2.pointPolygonTest(ring, (x + 4.5, 150.0), True) > 4.0 for x in range(215, 430, 24))
