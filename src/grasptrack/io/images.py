@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Image files: a source of one, of a folder, or of those that a pattern names; sizes by headers; JPEG and PNG to write.
 
-Depth: 8-bit values stay as they are. Deeper images are scaled to 8 bits by one factor for the whole sequence, that of
-the smallest usual full scale (1 for fractions, else 255 for float images, 10, 12, 14 or 16 bits) that holds the first
-image's largest value, so that a dark 12-bit recording is not left with a dozen grey levels; what is brighter later on
-saturates, as in a camera. Only where much of an image would, as after a first one that was nearly black, the scale rises.
-Alpha: what is transparent shows black. EXIF rotation is applied, as viewers do.
+Images come in 8 bits, see `pixels.EightBits`, and are turned as their EXIF says, as viewers do.
+
+OpenCV reads what has more than 8 bits or comes in long sequences; Pillow reads AVIF, GIF, HEIC and what moves.
 """
 
 from __future__ import annotations
 
 import contextlib
 import glob
+import io
 import re
 import struct
+import warnings
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,8 +24,11 @@ from numpy.typing import NDArray
 
 from grasptrack import arguments
 from grasptrack.errors import InputError, SourceError
+from grasptrack.images import array_of_picture
 from grasptrack.io.base import UNREAD, Image, Source
 from grasptrack.io.limits import check_size
+from grasptrack.io.pixels import EightBits
+from grasptrack.plugins import import_extra
 
 
 def is_whole_image(data: bytes) -> bool:
@@ -45,9 +48,11 @@ def _scan_of(data: bytes) -> int:
     return at
 
 
-SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".pgm"})
-NAMED = "jpg, png, tif, bmp, pgm"
-_FULL_SCALES = {"u": (1023.0, 4095.0, 16383.0, 65535.0), "f": (1.0, 255.0, 1023.0, 4095.0, 16383.0, 65535.0)}
+SUFFIXES = frozenset(
+    {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".pbm", ".pnm"}
+    | {".webp", ".gif", ".avif", ".heic", ".heif", ".jp2", ".j2k"}
+)
+NAMED = "jpg, png, tif, bmp, pgm, ppm, webp, gif, avif, heic, jp2"
 
 
 def natural_key(name: str) -> tuple[list[str | int], str]:
@@ -122,10 +127,10 @@ def decode_image(data: bytes, name: str) -> Image:
         check_size(*size, name)
     if not is_whole_image(data):
         raise SourceError(f"{name} is truncated", name=name)
-    if len(pages := pages_of(data)) > 1:
-        raise SourceError(
-            f"{name} holds {len(pages)} images: it is a sequence of its own, to be given alone", name=name
-        )
+    if (count := count_images(data, name)) > 1:
+        raise SourceError(f"{name} holds {count} images: it is a sequence of its own, to be given alone", name=name)
+    if format_for_pillow(data):
+        return next(_pictures_in(data, name))[0]
     if size is None:  # OpenCV reads more formats, of which nothing tells the size beforehand
         raise SourceError(f"{name} cannot be read: it is damaged, or no image ({NAMED})", name=name)
     # IMREAD_UNCHANGED alone keeps alpha, and alone ignores EXIF rotation; no JPEG has alpha.
@@ -135,43 +140,106 @@ def decode_image(data: bytes, name: str) -> Image:
         image: Image | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except (cv2.error, MemoryError):
         image = None
+    image = _tiff_page(image, data, 0) if data[:4] in _TIFF else image
     if image is None or image.size == 0:
-        raise SourceError(f"{name} cannot be read: it is damaged, or no image", name=name)
-    return image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
+        raise SourceError(f"{name} cannot be read: it is damaged, or no image of a kind that is read", name=name)
+    image = image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
+    return _turned(image, _orientation_of(data))
 
 
-SATURATED = 0.05
-"""Share of an image's values from which on the first image's scale is not that of the sequence: no glint takes as much."""
+def format_for_pillow(data: bytes) -> str:
+    """The format of what Pillow is to read: AVIF, GIF, HEIF, and PNG or WebP of several images; empty of all else."""
+    brands = data[8 : min(int.from_bytes(data[:4], "big"), 256)]
+    if data[4:8] == b"ftyp" and re.match(b"avi[fs]|hei|hev|mif1|msf1", brands):
+        return "AVIF" if re.search(b"avi[fs]", brands) else "HEIF"
+    if data.startswith(b"GIF8"):
+        return "GIF"
+    if data.startswith(b"\x89PNG") and data.find(b"acTL", 0, data.find(b"IDAT")) > 0:
+        return "PNG"
+    return "WEBP" if data[8:16] == b"WEBPVP8X" and data[20] & 2 else ""
 
 
-class EightBits:
-    """Images of any depth as uint8, grey (H, W) or BGR (H, W, 3).
+@contextlib.contextmanager
+def _without_warnings() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
-    Args:
-        full: value of deeper images that becomes 255; None takes the one that suits the first of them.
+
+def _open_picture(data: bytes, name: str) -> Any:
+    """A file as Pillow's image, whose pixels are not read yet."""
+    from PIL import Image as Pictures
+
+    if format_for_pillow(data) == "HEIF":
+        import_extra("pillow_heif", "heif", name).register_heif_opener()
+    try:
+        with _without_warnings():  # sizes have a limit of our own
+            picture = Pictures.open(io.BytesIO(data))
+    except Exception:  # whatever a decoder raises
+        raise SourceError(f"{name} cannot be read: it is damaged, or no image ({NAMED})", name=name) from None
+    check_size(*picture.size, name)
+    return picture
+
+
+NO_DURATION = 0.1
+"""s that an image is shown of which its file says 0: browsers agree."""
+
+
+def _pictures_in(data: bytes, name: str) -> Generator[tuple[Image, float | None], None, None]:
+    """The images of a file that Pillow reads, upright, with the times in s at which they are shown, or None."""
+    from PIL import ImageOps
+
+    picture, time = _open_picture(data, name), 0.0
+    for k in range(bool(picture.info.get("default_image")), getattr(picture, "n_frames", 1)):
+        try:
+            picture.seek(k)
+            picture.load()
+            shown = array_of_picture(ImageOps.exif_transpose(picture))
+        except Exception:  # whatever a decoder raises
+            raise SourceError(f"{name} cannot be read: it is damaged", name=name, page=k) from None
+        lasts = picture.info.get("duration")
+        yield shown, None if lasts is None else time
+        time += 0.001 * (lasts or 0.0) or NO_DURATION
+
+
+def _tiff_page(image: Image | None, data: bytes, page: int) -> Image | None:
+    """A page as OpenCV reads it, or Pillow, where OpenCV has multiplied 8-bit colours by alpha or cannot read small tiles."""
+    if image is not None and (image.ndim == 2 or image.shape[2] < 4 or image.dtype != np.uint8):
+        return image
+    with contextlib.suppress(Exception), _without_warnings():  # whatever a decoder raises
+        picture = _open_picture(data, "")
+        picture.seek(page)
+        return array_of_picture(picture)
+    return image
+
+
+def count_images(data: bytes, name: str) -> int:
+    """How many images of its own a file holds.
+
+    Raises:
+        SourceError, InputError: above the limit of size, or of a format for which an extra is needed.
     """
+    if not format_for_pillow(data):
+        return len(pages_of(data))
+    picture = _open_picture(data, name)
+    return int(getattr(picture, "n_frames", 1)) - bool(picture.info.get("default_image"))
 
-    def __init__(self, full: float | None = None) -> None:
-        self._full, self._told = full, full is not None
 
-    def __call__(self, image: Image) -> NDArray[np.uint8]:
-        """The image in 8 bits, (H, W) or (H, W, 3)."""
-        plain = image
-        if image.ndim == 3 and image.shape[2] == 4:
-            opaque = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1.0
-            plain = image[:, :, :3]
-            if image[:, :, 3].min() < opaque and image[:, :, 3].any():  # where all is transparent, alpha is not meant
-                plain = (plain * (image[:, :, 3:] / opaque)).astype(image.dtype)
-        if plain.dtype == np.uint8:
-            return np.ascontiguousarray(plain)
-        if plain.dtype == np.bool_:
-            return plain.astype(np.uint8) * np.uint8(255)
-        values = np.nan_to_num(plain.astype(np.float32), posinf=0.0, neginf=0.0)
-        if self._full is None or (not self._told and np.count_nonzero(values > self._full) > SATURATED * values.size):
-            peak = float(values.max(initial=0.0))
-            self._full = next((s for s in _FULL_SCALES["f" if plain.dtype.kind == "f" else "u"] if s >= peak), peak)
-        scaled: NDArray[np.uint8] = np.clip(values * (255.0 / self._full) + 0.5, 0.0, 255.0).astype(np.uint8)
-        return scaled
+def _orientation_of(data: bytes) -> int:
+    """How the EXIF block of a PNG or WebP says that it lies, 1 to 8; 1 where nothing is said."""
+    at = data.find(b"eXIf" if data.startswith(b"\x89PNG") else b"EXIF") if data[:4] in (b"\x89PNG", b"RIFF") else -1
+    block = data[at + (4 if data[:1] == b"\x89" else 8) :].removeprefix(b"Exif\0\0") if at > 0 else b""
+    with contextlib.suppress(struct.error):
+        if block[:4] in _TIFF:
+            return next(_tiff_directories(block)).orientation
+    return 1
+
+
+def _turned(image: Image, orientation: int) -> Image:
+    """An image as it is to be seen, by the numbers of EXIF."""
+    image = image.swapaxes(0, 1) if 5 <= orientation <= 8 else image
+    down, across = orientation in (3, 4, 7, 8), orientation in (2, 3, 6, 7)
+    return np.ascontiguousarray(image[:: -1 if down else 1, :: -1 if across else 1])
 
 
 class ImageSource(Source):
@@ -190,40 +258,42 @@ class ImageSource(Source):
 
 
 class PagesSource(Source):
-    """The images of one TIFF, in order.
+    """The images of one file, in order: a TIFF of several pages, a WebP or PNG that moves, a HEIC or AVIF of several images.
 
     Args:
         path: of the file.
-        pages: their indices, as `pages_of` gives them.
-        size: width and height in px, which all of them have.
+        count: as `count_images` has it.
         fps: as for every source.
     """
 
     kind = "stack"
 
-    def __init__(
-        self, path: Path, pages: Sequence[int], size: tuple[int, int] | None, fps: float | None = None
-    ) -> None:
+    def __init__(self, path: Path, count: int, fps: float | None = None) -> None:
         super().__init__(str(path), fps)
         self.exact = True
-        if size is not None:
-            check_size(*size, f'image "{path}"')
-        self._path, self._pages, self.count = path, tuple(pages), len(pages)
+        self._path, self.count = path, count
         self.files = (path,)
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
-        to_eight = EightBits()
-        for k, page in enumerate(self._pages):
-            name = f"page {page} of {self._path.name}"
+        data, to_eight = read_file(self._path), EightBits()
+        pages = self._tiff_pages(data) if data[:4] in _TIFF else _pictures_in(data, f'"{self._path}"')
+        for k, (image, time) in enumerate(pages):
+            yield UNREAD if 0 < k < self.first else to_eight(image), time, f"image {k} of {self._path.name}"
+
+    def _tiff_pages(self, data: bytes) -> Generator[tuple[Image, None], None, None]:
+        if (size := image_size_in_header(data)) is not None:
+            check_size(*size, f'image "{self._path}"')
+        for k, page in enumerate(pages_of(data)):
             if 0 < k < self.first:
-                yield UNREAD, None, name
+                yield UNREAD, None
                 continue
             found: Sequence[Image] = ()
             with contextlib.suppress(cv2.error, MemoryError):
                 found = cv2.imreadmulti(str(self._path), page, 1, flags=cv2.IMREAD_UNCHANGED)[1]
-            if not found:
-                raise SourceError(f'"{self._path}": {name} cannot be read', path=str(self._path), page=page)
-            yield to_eight(found[0]), None, name
+            image = _tiff_page(found[0] if found else None, data, page)
+            if image is None:
+                raise SourceError(f'"{self._path}": page {page} cannot be read', path=str(self._path), page=page)
+            yield image, None
 
 
 def read_all(paths: Iterable[Path], first: int = 0) -> Generator[tuple[Image, float | None, str], None, None]:
@@ -255,9 +325,11 @@ def image_size_in_header(data: bytes) -> tuple[int, int] | None:
             return _tiff_size(data)
         if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
             return _webp_size(data)
+        if data.startswith(b"\xff\x4f\xff\x51") or data[4:8] == b"jP  ":
+            return _jpeg_2000_size(data)
         found = _PORTABLE.match(data)
         return (int(found[1]), int(found[2])) if found else None
-    except (struct.error, IndexError):
+    except (struct.error, IndexError, ValueError):
         return None
 
 
@@ -285,6 +357,14 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
     return None
 
 
+def _jpeg_2000_size(data: bytes) -> tuple[int, int] | None:
+    if data[4:8] == b"jP  ":
+        height, width = _read_pair(">II", data, data.index(b"ihdr") + 4)
+        return width, height
+    right, bottom, left, top = struct.unpack_from(">IIII", data, 8)
+    return right - left, bottom - top
+
+
 def _bmp_size(data: bytes) -> tuple[int, int]:
     head = int.from_bytes(data[14:18], "little")
     return _read_pair("<HH", data, 18) if head == 12 else _read_pair("<ii", data, 18)
@@ -297,10 +377,11 @@ def _tiff_size(data: bytes) -> tuple[int, int] | None:
 
 
 class _TiffDirectory(NamedTuple):
-    """Width and height in px, None where they are not told, and whether it is a smaller copy of another one."""
+    """Width and height in px, None where they are not told; whether it is a smaller copy of another one; as EXIF has it."""
 
     size: tuple[int, int] | None
     is_reduced: bool
+    orientation: int
 
 
 def _tiff_directories(data: bytes) -> Iterator[_TiffDirectory]:
@@ -312,13 +393,13 @@ def _tiff_directories(data: bytes) -> Iterator[_TiffDirectory]:
         seen.add(at)
         (count,) = struct.unpack_from(order + ("Q" if big else "H"), data, at)
         at += 8 if big else 2
-        told = {254: 0}
+        told = {254: 0, 274: 1}
         for entry in range(min(count, 4096)):
             place = at + entry * (20 if big else 12)
             tag, kind = struct.unpack_from(order + "HH", data, place)
-            if tag in (254, 256, 257) and kind in _TIFF_TYPES:
+            if tag in (254, 256, 257, 274) and kind in _TIFF_TYPES:
                 (told[tag],) = struct.unpack_from(order + _TIFF_TYPES[kind], data, place + (12 if big else 8))
-        yield _TiffDirectory((told[256], told[257]) if len(told) == 3 else None, bool(told[254] & 1))
+        yield _TiffDirectory((told[256], told[257]) if len(told) == 4 else None, bool(told[254] & 1), told[274])
         (at,) = struct.unpack_from(order + ("Q" if big else "I"), data, at + count * (20 if big else 12))
 
 

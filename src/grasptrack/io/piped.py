@@ -9,7 +9,8 @@ from typing import Any, BinaryIO
 
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image, Source
-from grasptrack.io.images import EightBits, decode_image
+from grasptrack.io.images import decode_image
+from grasptrack.io.pixels import EightBits
 from grasptrack.io.video import UprightImages, check_stream, decode_frames, open_media, warn_of_aspect
 
 NAME = "the standard input"

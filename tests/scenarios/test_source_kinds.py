@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What other programs' files hold is what comes out of them, or one line says why not: five files of each kind."""
+
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from grasptrack import InputError, SourceError, open_source
+from grasptrack.images import to_bgr
+from sequence_kinds import BAGS, VIDEOS
+from source_kinds import STILLS, Kind, colours, deep
+
+FILES = 5
+
+
+@pytest.mark.parametrize("kind", [*STILLS, *VIDEOS, *BAGS], ids=lambda kind: f"{kind.suffix}, {kind.what}")
+def test_what_a_file_holds_is_what_comes_out(kind: Kind, tmp_path: Path) -> None:
+    if not kind.can_be_written:
+        pytest.skip(f"{kind.needs}, which writes it, is not installed")
+    for number in range(FILES):
+        path = tmp_path / f"{number}.{kind.suffix}"
+        held = kind.write(path, number)
+        if kind.refused:
+            with pytest.raises(SourceError, match=f"^[^\n]*{kind.refused}[^\n]*$"):
+                list(open_source(path))
+            continue
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            frames = list(open_source(path))
+        assert [frame.image.shape for frame in frames] == [image.shape for image in held.images]
+        for frame, image in zip(frames, held.images, strict=True):
+            assert np.abs(frame.image.astype(float) - image).mean() <= kind.within
+        if held.times is None:
+            assert not any(frame.time for frame in frames)
+        else:  # some formats begin later than at 0
+            times = np.array([frame.time for frame in frames], dtype=np.float64)
+            np.testing.assert_allclose(times - times[0], held.times, atol=1.1e-3)
+
+
+def test_several_images_in_one_file_are_no_image_of_a_folder(tmp_path: Path) -> None:
+    for kind in STILLS:
+        if kind.what in ("of several images", "several pages"):
+            path = tmp_path / f"a.{kind.suffix}"
+            kind.write(path, 0)
+            with pytest.raises(SourceError, match=r"^image [^\n]* holds 4 images: it is a sequence of its own"):
+                list(open_source(tmp_path))
+            path.unlink()
+
+
+def test_heic_without_its_reader_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (kind,) = (kind for kind in STILLS if kind.suffix == "heic" and kind.what == "one image")
+    if not kind.can_be_written:
+        pytest.skip("pillow-heif, which writes it, is not installed")
+    kind.write(tmp_path / "a.heic", 0)
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    with pytest.raises(
+        InputError, match=r"image [^\n]* needs pillow_heif.*grasptrack\[heif\]"
+    ):
+        list(open_source(tmp_path))
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "P", "CMYK", "L", "LA", "1", "I;16"])
+def test_an_image_of_pillows_is_taken_for_the_colours_that_it_has(mode: str) -> None:
+    picture = Image.fromarray(colours(0)[:, :, ::-1])
+    picture = (
+        Image.fromarray(deep(0)) if mode == "I;16" else picture.convert("L" if mode == "LA" else mode).convert(mode)
+    )
+    expected = deep(0) >> 8 if mode == "I;16" else np.asarray(picture.convert("RGB"))[:, :, ::-1]
+    found, expected = (np.atleast_3d(each) for each in (to_bgr(picture), expected))
+    np.testing.assert_array_equal(*np.broadcast_arrays(found, expected))
+
+
+def test_arrays_of_12_bits_are_warned_of() -> None:
+    with pytest.warns(UserWarning, match="multiply 10 bits by 64, 12 by 16"):
+        to_bgr(deep(0, 12))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        to_bgr(deep(0))
+        to_bgr(np.zeros((40, 50), np.uint16))
