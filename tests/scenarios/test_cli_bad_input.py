@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input: one clear line on stderr, exit status 2, and nothing lost."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -228,3 +229,44 @@ def test_what_is_read_is_never_written_over(
     assert "is to be read, and would be written over: name another folder or file" in told
     assert [path.read_bytes() for path in read] == before
     assert sorted(out.iterdir()) == sorted(set(read))
+
+
+@pytest.mark.parametrize(
+    ("verb", "names"),
+    [
+        ("track", ["grasps.csv", "run.json", "overlay.mp4", "summary.png", "candidates.png"]),
+        ("live", ["grasps.csv", "run.json"]),
+        ("synthesize", ["grasps.json", "grasps.png", "candidates.png"]),
+        ("inspect", ["inspect.json", "inspect.png"]),
+        ("transfer", ["transfer.json", "transfer.png"]),
+    ],
+)
+def test_what_others_have_written_is_never_written_over(
+    verb: str, names: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, photo = tmp_path / "out", str(write(tmp_path / "photo.png", plate((150.0, 118.0), 0.2)))
+    given = [verb, photo, *([photo] if verb == "transfer" else []), *(["--start"] if verb == "live" else [])]
+    out.mkdir()
+    for name in names:
+        (out / name).write_text("{}")
+        told = refused([*given, "--output", str(out)], capsys)
+        assert f'{name}" is not of an earlier run, and would be written over: move it, or name another folder' in told
+        assert (out / name).read_text() == "{}" and [path.name for path in out.iterdir()] == [name]
+        (out / name).unlink()
+
+
+def test_what_a_run_has_written_is_replaced_and_no_other_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, photo = tmp_path / "out", str(write(tmp_path / "photo.png", plate((150.0, 118.0), 0.2)))
+    for verb in ("track", "synthesize", "inspect"):
+        for _ in range(2):
+            assert (
+                main([verb, photo, "--output", str(out), "--quiet", *(["--no-video"] if verb == "track" else [])]) == 0
+            )
+    named = json.loads((out / "run.json").read_text())["files"]
+    assert named == ["grasps.csv", "summary.png", "run.json"]
+    assert json.loads((out / "grasps.json").read_text())["files"] == ["grasps.json", "grasps.png"]
+    (out / "overlay.mp4").write_text("mine")
+    refused(["track", photo, "--output", str(out)], capsys)
+    assert (out / "overlay.mp4").read_text() == "mine" and (out / "summary.png").exists()

@@ -20,6 +20,7 @@ LIMITED = """
 import resource, sys
 from grasptrack.cli.main import main
 limit = int(sys.argv.pop(1))
+sys.dont_write_bytecode = True  # Python would leave modules that are cut off behind
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))  # what goes beyond ends in an error, as on a full disk
 sys.exit(main())
 """

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import first_image, help_groups, options
-from grasptrack.cli.advice import note_candidates
+from grasptrack.cli.advice import PICTURE, names_of_written, note_candidates
 from grasptrack.cli.help_groups import as_asked, option
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
@@ -79,7 +79,7 @@ def synthesize(
     from grasptrack.io.json_results import grasps_to_dict
     from grasptrack.view.grasps import write_grasps
 
-    written = (output / name for name in ("grasps.json", "grasps.png", "candidates.png"))
+    written = [output / name for name in ("grasps.json", "grasps.png", PICTURE)]
     keep_inputs(written, [image, *([] if first.mask is None else [first.mask]), *first.files()])
     prepare_folder(output)
     try:
@@ -95,7 +95,8 @@ def synthesize(
     by_hand = all_ or first.outline is not None or first.mask is not None
     notes = [*note_candidates(candidates, scene.image, output, first.sure, meant=by_hand), *scene.notes]
     data, page = output / "grasps.json", output / "grasps.png"
-    write_json(data, grasps_to_dict(planned, image, scene.picture.shape, asked, scale))
+    content = grasps_to_dict(planned, image, scene.picture.shape, asked, scale)
+    write_json(data, {**content, "files": names_of_written(written)})
     title = Path(image).name
     write_grasps(page, scene.picture, planned, fingers=fingers, friction=friction, title=title, px_per_mm=scale)
     if not any(found.grasps for found in planned):

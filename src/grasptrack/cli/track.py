@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from grasptrack.cli import first_image, help_groups, options
-from grasptrack.cli.advice import BackgroundVerdict, advice_for, note_candidates
+from grasptrack.cli.advice import PICTURE, BackgroundVerdict, advice_for, note_candidates, tell_of_picture
 from grasptrack.cli.help_groups import as_asked
 from grasptrack.cli.terminal import Interruption, ProgressBar, RunInterruptedError, show_run
 from grasptrack.errors import InputError
@@ -120,7 +120,7 @@ def track(
     asks = not (frames.live or frames.kind == "stdin" or grasp.wait)  # who waits for a sure choice asks no other image
     more = _later_images(source, settings, start) if asks else ()
     tracker = tracking.make_tracker(replace(first.with_images(said), more=more))
-    beside = [output / name for name in (*FILES, "candidates.png")]
+    beside = [output / name for name in (*FILES, PICTURE)]
     keep_inputs([*beside, *recording.files()], [*frames.files, *first.files(), *(segmentation or ())])
     recordings = recording.open_recordings(asked)
     quiet = quiet or recording.jsonl == "-"  # the standard output is for the lines
@@ -174,6 +174,7 @@ def track(
         again = frames.recorded_with if len(frames.recorded_with) <= LONGEST else f'in its metadata, "{METADATA}"'
         notes.append(f"recorded with other options; those that give the same digits: {again}")
     notes += note_candidates(seen, looked_at, output, first.sure, meant=said.is_settled)
+    tell_of_picture(output)
     notes += advice_for(summary.codes, summary.frames)
     if not quiet:
         show_run(summary, output, notes)
