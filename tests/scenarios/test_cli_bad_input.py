@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from grasptrack.cli.main import main
+from grasptrack.io.video import VideoWriter
 from recordings import movie, plate, plates, rows, write
 
 
@@ -270,3 +271,35 @@ def test_what_a_run_has_written_is_replaced_and_no_other_file(
     (out / "overlay.mp4").write_text("mine")
     refused(["track", photo, "--output", str(out)], capsys)
     assert (out / "overlay.mp4").read_text() == "mine" and (out / "summary.png").exists()
+
+
+def test_brackets_that_are_meant_as_they_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = plates(tmp_path / "run[1]", 2)
+    assert main(["track", str(folder / "[0]*.png"), "--output", str(tmp_path / "out"), "-q"]) == 2
+    said = capsys.readouterr().err
+    assert f'where a bracket is meant write "{tmp_path}/run[[]1]/[0]*.png"' in said and said.count("\n") == 1
+    (folder / "000.png").rename(folder / "a[0].png")
+    assert main(["inspect", str(folder / "a[0].png"), "--output", str(tmp_path / "out"), "-q", "--runs", "1"]) == 0
+    assert 'write "a[[]0].png"' in refused(["inspect", "a[0].png"], capsys)
+
+
+def test_a_pattern_of_videos_gives_each_a_folder_and_one_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        writer = VideoWriter(tmp_path / name / "x.mp4")
+        for k in range(4):
+            writer.write(np.dstack([plate((150.0 + k, 118.0), 0.2)] * 3))
+        writer.close()
+    (tmp_path / "b" / "y.mp4").write_text("no video")
+    pattern, out = str(tmp_path / "*" / "x.mp4"), tmp_path / "out"
+    assert main(["track", pattern, "--output", str(out), "--no-video"]) == 0
+    told = capsys.readouterr().out
+    assert told.count("x.mp4") > 2 and sorted(len(rows(folder)) for folder in out.iterdir()) == [4, 4]
+    assert "1 of 2 videos could not be tracked" in refused(
+        ["track", str(tmp_path / "b" / "*.mp4"), "--output", str(out), "--no-video", "-q"], capsys
+    )
+    assert len(rows(out / "x")) == 4
+    assert "--record" in refused(["track", pattern, "--jsonl", "-"], capsys)
+    assert "videos are opened one at a time" in refused(["inspect", pattern], capsys)

@@ -5,12 +5,14 @@ import sys
 import warnings
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
-from grasptrack import InputError, SourceError, open_source
+from grasptrack import GraspTracker, InputError, SourceError, open_source
 from grasptrack.images import to_bgr
+from grasptrack.io.masks import read_mask
 from sequence_kinds import BAGS, VIDEOS
 from source_kinds import STILLS, Kind, colours, deep
 
@@ -79,3 +81,29 @@ def test_arrays_of_12_bits_are_warned_of() -> None:
         warnings.simplefilter("error")
         to_bgr(deep(0))
         to_bgr(np.zeros((40, 50), np.uint16))
+
+
+def two_squares() -> np.ndarray:
+    """Instances 1 and 2, which touch."""
+    labels = np.zeros((120, 160), np.uint8)
+    labels[30:90, 20:80], labels[30:90, 80:140] = 1, 2
+    return labels
+
+
+def test_instances_that_touch_in_a_mask_stay_apart(tmp_path: Path) -> None:
+    labels = two_squares()
+    colours = np.dstack([90 * labels, 200 - 90 * labels, 0 * labels]) * (labels > 0)[:, :, None].astype(np.uint8)
+    for name, image in {"a.png": labels, "deep.png": labels * np.uint16(300), "colours.png": colours}.items():
+        cv2.imwrite(str(tmp_path / name), image)
+        mask = read_mask(tmp_path / name, parted=True)
+        assert cv2.connectedComponents(mask, connectivity=8)[0] == 3, name
+        assert np.array_equal(mask == 0, (labels == 0) | np.isin(np.arange(160), (78, 79, 80, 81))), name
+        np.testing.assert_array_equal(read_mask(tmp_path / name), 255 * (labels > 0).astype(np.uint8))
+    view = GraspTracker(object_at=(50.0, 60.0)).update(labels, mask=labels).view
+    assert view is not None and abs(view.outer.area - 58 * 60) < 60
+
+
+def test_a_soft_edge_of_a_mask_is_no_instance(tmp_path: Path) -> None:
+    soft = cv2.GaussianBlur(255 * (two_squares() > 0).astype(np.uint8), (0, 0), 2.0)
+    cv2.imwrite(str(tmp_path / "soft.png"), soft)
+    np.testing.assert_array_equal(read_mask(tmp_path / "soft.png", parted=True), np.where(soft > 0, 255, 0))

@@ -203,7 +203,7 @@ class FirstImageOptions:
         picture = only_image(name, taken).image
         with by_option():
             said.within(picture.shape)
-        return straighten(picture, said, calibration, None if self.mask is None else read_mask(self.mask))
+        return straighten(picture, said, calibration, None if self.mask is None else read_mask(self.mask, parted=True))
 
 
 @dataclass(frozen=True)

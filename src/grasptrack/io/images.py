@@ -85,12 +85,29 @@ def images_matching(pattern: str) -> list[Path]:
     """The images that a pattern with *, ? or [] names, in natural order.
 
     Raises:
-        SourceError: none.
+        SourceError: none; the message says why that may be.
     """
-    found = [p for p in map(Path, glob.glob(pattern, recursive=True)) if is_image_file(p) and p.is_file()]  # noqa: PTH207
+    files = files_matching(pattern)
+    found = [path for path in files if is_image_file(path)]
     if not found:
-        raise SourceError(f'no image matches "{pattern}" ({NAMED})', pattern=pattern)
+        why = f"{len(files)} other files do, and videos are opened one at a time" if files else _bracket_hint(pattern)
+        raise SourceError(f'no image matches "{pattern}" ({NAMED})' + (f"; {why}" if why else ""), pattern=pattern)
+    return found
+
+
+def files_matching(pattern: str) -> list[Path]:
+    """The files that a pattern names, in natural order; hidden ones are not meant."""
+    found = [path for path in map(Path, glob.glob(pattern, recursive=True)) if path.is_file()]  # noqa: PTH207
     return sorted(found, key=lambda p: natural_key(p.as_posix()))
+
+
+def _bracket_hint(pattern: str) -> str:
+    """What to write where a pattern's brackets were meant as they are."""
+    if "[" not in pattern:
+        return ""
+    real = next((str(p) for p in (Path(pattern), *Path(pattern).parents) if "[" in str(p) and p.exists()), "")
+    written = pattern.replace(real, glob.escape(real), 1) if real else pattern.replace("[", "[[]")
+    return f'in a pattern [ ] stand for one character of those between them; where a bracket is meant write "{written}"'
 
 
 def read_image(path: Path) -> Image:
