@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kinds of files that hold sequences: how PyAV and rosbags write each, and what has to come out; see `source_kinds.py`."""
+"""Kinds of files that hold sequences: how PyAV, rosbags and mcap write each, and what is to come out; see `source_kinds.py`."""
 
-from collections.abc import Callable, Sequence
+import base64
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import av
+import cv2
 import numpy as np
 
 import bags
@@ -241,6 +244,51 @@ def deep_held(number: int, shift: int = 0) -> Pixels:
     return in_eight(deep(number, 12, shift), 4095)
 
 
+def foxglove(name: str, make: Callable[[int], Iterable[dict[str, Any]]], held: Callable[[int, int], Pixels]) -> Any:
+    """Writes JSON with mcap, in the messages that Foxglove defines; `make` gives their fields."""
+
+    def write(path: Path, number: int) -> Held:
+        from mcap.writer import Writer
+
+        with path.open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            schema = writer.register_schema(f"foxglove.{name}", "jsonschema", b"{}")
+            channel = writer.register_channel("/image", "json", schema)
+            for k, fields in enumerate(make(number)):
+                at, stamp = bags.BEGIN + k * 50_000_000, divmod(bags.BEGIN + k * 50_000_000, 10**9)
+                data = base64.b64encode(fields.pop("data")).decode()
+                told = {"timestamp": {"sec": stamp[0], "nsec": stamp[1]}, "frame_id": "camera", "data": data, **fields}
+                writer.add_message(channel, at, json.dumps(told).encode(), at)
+            writer.finish()
+        return Held([held(number, 7 * k) for k in range(COUNT)], [0.05 * k for k in range(COUNT)])
+
+    return write
+
+
+def raw_fields(number: int) -> Iterator[dict[str, Any]]:
+    for k in range(COUNT):
+        image = colours(number, 7 * k)
+        height, width = image.shape[:2]
+        yield {"width": width, "height": height, "encoding": "bgr8", "step": 3 * width, "data": image.tobytes()}
+
+
+def webp_fields(number: int) -> Iterator[dict[str, Any]]:
+    for k in range(COUNT):
+        coded = cv2.imencode(".webp", colours(number, 7 * k), [cv2.IMWRITE_WEBP_QUALITY, 101])[1]  # lossless
+        yield {"format": "webp", "data": coded.tobytes()}
+
+
+def video_fields(number: int) -> Iterator[dict[str, Any]]:
+    encoder = av.CodecContext.create("libx264", "w")
+    encoder.height, encoder.width = even(number).shape[:2]
+    encoder.pix_fmt, encoder.framerate = "yuv420p", Fraction(RATE)
+    encoder.options = {"crf": "8", "tune": "zerolatency"}
+    frames = [av.VideoFrame.from_ndarray(even(number, 7 * k), format="bgr24") for k in range(COUNT)]
+    for packet in (packet for frame in (*frames, None) for packet in encoder.encode(frame)):
+        yield {"format": "h264", "data": bytes(packet)}
+
+
 _ROS1, _ROS2, _MCAP = ("ROS 1 bag", "bag"), ("ROS 2 bag", "ros2"), ("MCAP", "mcap")
 _MESSAGES = tuple(
     Kind(*form, f"`{encoding}`", bag(kind, encoding, make, held), within, needs="rosbags")
@@ -257,6 +305,9 @@ _MESSAGES = tuple(
 )
 BAGS = (
     *_MESSAGES,
+    Kind(*_MCAP, "`foxglove.RawImage`", foxglove("RawImage", raw_fields, colours), needs="mcap"),
+    Kind(*_MCAP, "`foxglove.CompressedImage`, WebP", foxglove("CompressedImage", webp_fields, colours), needs="mcap"),
+    Kind(*_MCAP, "`foxglove.CompressedVideo`", foxglove("CompressedVideo", video_fields, even), ROUGH, needs="mcap"),
     Kind(
         *_MCAP,
         "`64FC1`",

@@ -268,6 +268,23 @@ def heif(**options: Any) -> Any:
     return write
 
 
+def write_tiled(path: Path, number: int) -> Held:
+    """In tiles, as phones write every photo, and turned by its header."""
+    import pillow_heif
+
+    size = 128 * (1 + number % 2), 384
+    image = cv2.resize(colours(number), size)
+    exif = Image.Exif()
+    exif[274] = 6
+    before, pillow_heif.options.GRID_TILE_SIZE = pillow_heif.options.GRID_TILE_SIZE, 64
+    try:
+        pillow_heif.register_heif_opener()
+        Image.fromarray(np.rot90(image)[:, :, ::-1]).save(path, "HEIF", exif=exif.tobytes(), quality=90)
+    finally:
+        pillow_heif.options.GRID_TILE_SIZE = before
+    return Held([image])
+
+
 def cut(write: Any) -> Any:
     """The first 70 % of such a file."""
 
@@ -378,6 +395,7 @@ STILLS = (
     Kind(*_GIF, "with a clear colour", write_clear_gif),
     Kind(*_GIF, "of several images", write_gif),
     Kind(*_HEIC, "one image", heif(), ROUGH, needs="pillow_heif"),
+    Kind(*_HEIC, "in tiles, turned", write_tiled, ROUGH, needs="pillow_heif"),
     Kind(*_HEIC, "several images", heif(count=3), ROUGH, needs="pillow_heif"),
     Kind(*_JP2, "colours", pillow("JPEG2000", as_rgb, colours)),
     Kind("JPEG 2000", "j2k", "without a container", pillow("JPEG2000", as_grey, grey, no_jp2=True)),

@@ -210,9 +210,9 @@ class FirstImageOptions:
 class MaskedImage(FirstImageOptions):
     """What is said of one image, of which there may be a mask."""
 
-    mask: Annotated[str | None, option(OBJECT, "FILE", "Your own segmentation: a mask that is white on objects.")] = (
-        None
-    )
+    mask: Annotated[
+        str | None, option(OBJECT, "FILE", "Your own segmentation: a mask that is white on objects, or numbers them.")
+    ] = None
 
 
 @dataclass(frozen=True)
