@@ -136,8 +136,18 @@ def bits_held(number: int) -> Pixels:
     return np.where(grey(number) > 100, 255, 0).astype(np.uint8)
 
 
-def clear(number: int) -> Pixels:
-    return lit(colours(number), alpha_of(number))
+def clear(number: int, make: Callable[[int], Pixels] = colours) -> Pixels:
+    image = make(number)
+    shown = lit(np.atleast_3d(image), alpha_of(number))
+    return np.repeat(shown, 3, axis=2) if image.ndim == 2 else shown
+
+
+def as_grey_alpha(number: int) -> Image.Image:
+    return Image.merge("LA", (as_grey(number), Image.fromarray(alpha_of(number))))
+
+
+def multiplied(number: int) -> Pixels:
+    return np.dstack([clear(number)[:, :, ::-1], alpha_of(number)])
 
 
 def as_cmyk(number: int) -> Image.Image:
@@ -246,6 +256,12 @@ def write_thumbnailed(path: Path, number: int) -> Held:
     return Held([colours(number)])
 
 
+def write_low(path: Path, number: int) -> Held:
+    image = np.rint(grey(number) * (100 / 255)).astype(np.uint8)
+    path.write_bytes(f"P5\n{image.shape[1]} {image.shape[0]}\n100\n".encode() + image.tobytes())
+    return Held([grey(number)])
+
+
 def write_mpo(path: Path, number: int) -> Held:
     """As phones write it: what follows the first image is a preview, or how bright a better screen may show it."""
     as_rgb(number).save(path, "MPO", save_all=True, append_images=[as_grey(number).convert("RGB")])
@@ -307,6 +323,7 @@ STILLS = (
     Kind(*_PNG, "palette", pillow("PNG", indexed, lambda n: rgb_of(indexed(n)))),
     Kind(*_PNG, "1 bit", pillow("PNG", as_bits, bits_held)),
     Kind(*_PNG, "with alpha", pillow("PNG", as_rgba, clear)),
+    Kind(*_PNG, "grey with alpha", pillow("PNG", as_grey_alpha, lambda n: clear(n, grey))),
     Kind(*_PNG, "grey, 16 bits", opencv(deep, lambda n: in_eight(deep(n), 65535), cv2.IMWRITE_PNG_COMPRESSION, 1)),
     Kind(*_PNG, "grey, 12 of 16 bits", opencv(lambda n: deep(n, 12), lambda n: in_eight(deep(n, 12), 4095))),
     Kind(*_PNG, "colours, 16 bits", opencv(deep_colours, lambda n: in_eight(deep_colours(n), 65535))),
@@ -326,6 +343,26 @@ STILLS = (
     Kind(*_TIFF, "palette", pillow("TIFF", indexed, lambda n: rgb_of(indexed(n)))),
     Kind(*_TIFF, "CMYK", pillow("TIFF", as_cmyk, colours), CLOSE),
     Kind(*_TIFF, "with alpha", pillow("TIFF", as_rgba, clear)),
+    Kind(*_TIFF, "grey with alpha", pillow("TIFF", as_grey_alpha, lambda n: clear(n, grey))),
+    Kind(
+        *_TIFF,
+        "multiplied by alpha",
+        tiff(lambda n: multiplied(n), lambda n: [clear(n)], photometric="rgb", extrasamples=["assocalpha"]),
+        CLOSE,
+        needs="tifffile",
+    ),
+    Kind(
+        *_TIFF,
+        "multiplied by alpha, 16 bits",
+        tiff(
+            lambda n: multiplied(n).astype(np.uint16) * 257,
+            lambda n: [clear(n)],
+            photometric="rgb",
+            extrasamples=["assocalpha"],
+        ),
+        CLOSE,
+        needs="tifffile",
+    ),
     Kind(*_TIFF, "turned by EXIF", turned("TIFF")),
     Kind(*_TIFF, "several pages", moving("TIFF", timed=False)),
     Kind(*_TIFF, "grey, 16 bits", tiff(deep, lambda n: [in_eight(deep(n), 65535)]), needs="tifffile"),
@@ -406,6 +443,7 @@ STILLS = (
     Kind("Netpbm", "ppm", "colours", opencv(colours, colours)),
     Kind("Netpbm", "pgm", "grey", pillow("PPM", as_grey, grey)),
     Kind("Netpbm", "pgm", "grey, 16 bits", opencv(deep, lambda n: in_eight(deep(n), 65535))),
+    Kind("Netpbm", "pgm", "grey, white is 100", write_low, CLOSE),
     Kind("Netpbm", "pbm", "1 bit", pillow("PPM", as_bits, bits_held)),
     Kind("Targa", "tga", "colours, as a video of one image", pillow("TGA", as_rgb, colours)),
     Kind(

@@ -11,12 +11,12 @@ from __future__ import annotations
 import contextlib
 import glob
 import io
+import itertools
 import re
-import struct
 import warnings
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -26,27 +26,20 @@ from grasptrack import arguments
 from grasptrack.errors import InputError, SourceError
 from grasptrack.images import array_of_picture
 from grasptrack.io.base import UNREAD, Image, Source
+from grasptrack.io.headers import (
+    MULTIPLIED,
+    TIFF,
+    format_for_pillow,
+    image_size_in_header,
+    is_whole_image,
+    largest_value,
+    orientation_of,
+    pages_of,
+    tiff_directories,
+)
 from grasptrack.io.limits import check_size
 from grasptrack.io.pixels import EightBits
 from grasptrack.plugins import import_extra
-
-
-def is_whole_image(data: bytes) -> bool:
-    """False for a JPEG or PNG without its end marker; True where the format keeps none."""
-    if data.startswith(b"\xff\xd8"):
-        return data.find(b"\xff\xd9", _scan_of(data)) > 0
-    if data.startswith(b"\x89PNG"):
-        return b"IEND" in data
-    return True
-
-
-def _scan_of(data: bytes) -> int:
-    """Where the first scan of a JPEG begins; what comes before may hold a thumbnail with an end marker of its own."""
-    at = 2
-    while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] != 0xDA:
-        at += 1 if data[at + 1] == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
-    return at
-
 
 SUFFIXES = frozenset(
     {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".pbm", ".pnm"}
@@ -157,23 +150,13 @@ def decode_image(data: bytes, name: str) -> Image:
         image: Image | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except (cv2.error, MemoryError):
         image = None
-    image = _tiff_page(image, data, 0) if data[:4] in _TIFF else image
+    image = _tiff_page(image, data, 0) if data[:4] in TIFF else image
     if image is None or image.size == 0:
         raise SourceError(f"{name} cannot be read: it is damaged, or no image of a kind that is read", name=name)
+    if (white := largest_value(data)) < 255:
+        image = cv2.convertScaleAbs(image, alpha=255.0 / max(white, 1))
     image = image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
-    return _turned(image, _orientation_of(data))
-
-
-def format_for_pillow(data: bytes) -> str:
-    """The format of what Pillow is to read: AVIF, GIF, HEIF, and PNG or WebP of several images; empty of all else."""
-    brands = data[8 : min(int.from_bytes(data[:4], "big"), 256)]
-    if data[4:8] == b"ftyp" and re.match(b"avi[fs]|hei|hev|mif1|msf1", brands):
-        return "AVIF" if re.search(b"avi[fs]", brands) else "HEIF"
-    if data.startswith(b"GIF8"):
-        return "GIF"
-    if data.startswith(b"\x89PNG") and data.find(b"acTL", 0, data.find(b"IDAT")) > 0:
-        return "PNG"
-    return "WEBP" if data[8:16] == b"WEBPVP8X" and data[20] & 2 else ""
+    return _turned(image, orientation_of(data))
 
 
 @contextlib.contextmanager
@@ -220,9 +203,15 @@ def _pictures_in(data: bytes, name: str) -> Generator[tuple[Image, float | None]
 
 
 def _tiff_page(image: Image | None, data: bytes, page: int) -> Image | None:
-    """A page as OpenCV reads it, or Pillow, where OpenCV has multiplied 8-bit colours by alpha or cannot read small tiles."""
-    if image is not None and (image.ndim == 2 or image.shape[2] < 4 or image.dtype != np.uint8):
-        return image
+    """A page as OpenCV reads it, but for its alpha, which OpenCV drops of grey and multiplies 8-bit colours by.
+
+    Pillow also reads small tiles, of which OpenCV makes nothing.
+    """
+    told = next(itertools.islice(tiff_directories(data), page, None), None)
+    if image is not None and told is not None:
+        channels = 1 if image.ndim == 2 else image.shape[2]
+        if channels == told.samples and (channels < 4 or image.dtype != np.uint8):
+            return image[:, :, :3] if channels == 4 and told.extra == MULTIPLIED else image
     with contextlib.suppress(Exception), _without_warnings():  # whatever a decoder raises
         picture = _open_picture(data, "")
         picture.seek(page)
@@ -240,16 +229,6 @@ def count_images(data: bytes, name: str) -> int:
         return len(pages_of(data))
     picture = _open_picture(data, name)
     return int(getattr(picture, "n_frames", 1)) - bool(picture.info.get("default_image"))
-
-
-def _orientation_of(data: bytes) -> int:
-    """How the EXIF block of a PNG or WebP says that it lies, 1 to 8; 1 where nothing is said."""
-    at = data.find(b"eXIf" if data.startswith(b"\x89PNG") else b"EXIF") if data[:4] in (b"\x89PNG", b"RIFF") else -1
-    block = data[at + (4 if data[:1] == b"\x89" else 8) :].removeprefix(b"Exif\0\0") if at > 0 else b""
-    with contextlib.suppress(struct.error):
-        if block[:4] in _TIFF:
-            return next(_tiff_directories(block)).orientation
-    return 1
 
 
 def _turned(image: Image, orientation: int) -> Image:
@@ -293,7 +272,7 @@ class PagesSource(Source):
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
         data, to_eight = read_file(self._path), EightBits()
-        pages = self._tiff_pages(data) if data[:4] in _TIFF else _pictures_in(data, f'"{self._path}"')
+        pages = self._tiff_pages(data) if data[:4] in TIFF else _pictures_in(data, f'"{self._path}"')
         for k, (image, time) in enumerate(pages):
             yield UNREAD if 0 < k < self.first else to_eight(image), time, f"image {k} of {self._path.name}"
 
@@ -318,131 +297,6 @@ def read_all(paths: Iterable[Path], first: int = 0) -> Generator[tuple[Image, fl
     to_eight = EightBits()
     for k, path in enumerate(paths):
         yield UNREAD if 0 < k < first else to_eight(read_image(path)), None, path.name
-
-
-# --- sizes by headers ------------------------------------------------------------------------------
-
-_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-"""Markers of JPEG that begin a frame and tell its size."""
-_PORTABLE = re.compile(rb"P[1-6fF](?:\s|#[^\n\r]*[\n\r])+(\d{1,9})(?:\s|#[^\n\r]*[\n\r])+(\d{1,9})\s")
-_TIFF, _MOST_PAGES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), 100_000
-_TIFF_TYPES = {1: "B", 3: "H", 4: "I", 16: "Q"}
-
-
-def image_size_in_header(data: bytes) -> tuple[int, int] | None:
-    """Width and height in px that a file claims; None where it is of another format, or has no whole header."""
-    try:
-        if data.startswith(b"\x89PNG"):
-            return _read_pair(">II", data, 16)
-        if data.startswith(b"\xff\xd8"):
-            return _jpeg_size(data)
-        if data.startswith(b"BM"):
-            return _bmp_size(data)
-        if data[:4] in _TIFF:
-            return _tiff_size(data)
-        if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
-            return _webp_size(data)
-        if data.startswith(b"\xff\x4f\xff\x51") or data[4:8] == b"jP  ":
-            return _jpeg_2000_size(data)
-        found = _PORTABLE.match(data)
-        return (int(found[1]), int(found[2])) if found else None
-    except (struct.error, IndexError, ValueError):
-        return None
-
-
-def _read_pair(layout: str, data: bytes, at: int) -> tuple[int, int]:
-    first, second = struct.unpack_from(layout, data, at)
-    return abs(int(first)), abs(int(second))  # a BMP's height is negative where its first row is the upper one
-
-
-def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    at = 2
-    while at + 9 <= len(data):
-        if data[at] != 0xFF:  # a decoder looks for the next marker as well
-            at += 1
-            continue
-        marker = data[at + 1]
-        if marker in _JPEG_FRAMES:
-            height, width = _read_pair(">HH", data, at + 5)
-            return width, height
-        if marker in (0xFF, 0x00, 0x01) or 0xD0 <= marker <= 0xD8:
-            at += 1 if marker == 0xFF else 2
-            continue
-        if marker in (0xD9, 0xDA):
-            return None
-        at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
-    return None
-
-
-def _jpeg_2000_size(data: bytes) -> tuple[int, int] | None:
-    if data[4:8] == b"jP  ":
-        height, width = _read_pair(">II", data, data.index(b"ihdr") + 4)
-        return width, height
-    right, bottom, left, top = struct.unpack_from(">IIII", data, 8)
-    return right - left, bottom - top
-
-
-def _bmp_size(data: bytes) -> tuple[int, int]:
-    head = int.from_bytes(data[14:18], "little")
-    return _read_pair("<HH", data, 18) if head == 12 else _read_pair("<ii", data, 18)
-
-
-def _tiff_size(data: bytes) -> tuple[int, int] | None:
-    """The first directory's; of BigTIFF too."""
-    first = next(_tiff_directories(data), None)
-    return None if first is None else first.size
-
-
-class _TiffDirectory(NamedTuple):
-    """Width and height in px, None where they are not told; whether it is a smaller copy of another one; as EXIF has it."""
-
-    size: tuple[int, int] | None
-    is_reduced: bool
-    orientation: int
-
-
-def _tiff_directories(data: bytes) -> Iterator[_TiffDirectory]:
-    order = "<" if data[:1] == b"I" else ">"
-    big = data[2:4] in (b"+\0", b"\0+")
-    (at,) = struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)
-    seen: set[int] = set()
-    while at and at not in seen and len(seen) < _MOST_PAGES:
-        seen.add(at)
-        (count,) = struct.unpack_from(order + ("Q" if big else "H"), data, at)
-        at += 8 if big else 2
-        told = {254: 0, 274: 1}
-        for entry in range(min(count, 4096)):
-            place = at + entry * (20 if big else 12)
-            tag, kind = struct.unpack_from(order + "HH", data, place)
-            if tag in (254, 256, 257, 274) and kind in _TIFF_TYPES:
-                (told[tag],) = struct.unpack_from(order + _TIFF_TYPES[kind], data, place + (12 if big else 8))
-        yield _TiffDirectory((told[256], told[257]) if len(told) == 4 else None, bool(told[254] & 1), told[274])
-        (at,) = struct.unpack_from(order + ("Q" if big else "I"), data, at + count * (20 if big else 12))
-
-
-def pages_of(data: bytes) -> list[int]:
-    """Indices of the pages of a TIFF that are images of their own, as large as the first; of another format one."""
-    if data[:4] not in _TIFF:
-        return [0]
-    pages: list[_TiffDirectory] = []
-    with contextlib.suppress(struct.error):  # the last directory may be cut off
-        pages.extend(_tiff_directories(data))
-    return [k for k, page in enumerate(pages) if not page.is_reduced and page.size == pages[0].size] or [0]
-
-
-def _webp_size(data: bytes) -> tuple[int, int] | None:
-    if len(data) < 30:
-        return None
-    kind = data[12:16]
-    if kind == b"VP8X":
-        return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
-    if kind == b"VP8L":
-        bits = int.from_bytes(data[21:25], "little")
-        return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
-    if kind == b"VP8 ":
-        width, height = _read_pair("<HH", data, 26)
-        return width & 0x3FFF, height & 0x3FFF
-    return None
 
 
 # --- images as files -------------------------------------------------------------------------------

@@ -11,11 +11,11 @@ from grasptrack.errors import SourceError
 from grasptrack.io.bags.source import is_bag, open_bag
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.cameras.v4l import open_webcam
+from grasptrack.io.headers import format_for_pillow
 from grasptrack.io.images import (
     ImageSource,
     PagesSource,
     count_images,
-    format_for_pillow,
     images_in,
     images_matching,
     is_image_file,
