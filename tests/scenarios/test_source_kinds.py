@@ -13,7 +13,7 @@ from PIL import Image
 from grasptrack import GraspTracker, InputError, SourceError, open_source
 from grasptrack.images import to_bgr
 from grasptrack.io.masks import read_mask
-from sequence_kinds import BAGS, VIDEOS
+from sequence_kinds import BAGS, VIDEOS, on_black, video, with_alpha
 from source_kinds import STILLS, Kind, colours, deep
 
 FILES = 5
@@ -81,6 +81,13 @@ def test_arrays_of_12_bits_are_warned_of() -> None:
         warnings.simplefilter("error")
         to_bgr(deep(0))
         to_bgr(np.zeros((40, 50), np.uint16))
+
+
+def test_transparency_beside_the_images_of_a_webm_is_told_of(tmp_path: Path) -> None:
+    write = video("libvpx-vp9", "yuva420p", with_alpha, on_black, "bgra", crf="4", b="4M")
+    write(tmp_path / "a.webm", 0)
+    with pytest.warns(UserWarning, match="what is transparent in it is not read"):
+        open_source(tmp_path / "a.webm")
 
 
 def two_squares() -> np.ndarray:

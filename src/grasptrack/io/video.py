@@ -93,6 +93,9 @@ class VideoSource(Source):
         if broken:
             told = ", ".join(broken).encode("ascii", "replace").decode()
             warnings.warn(f'video "{self._path}": its {told} is not in UTF-8, and is not read', stacklevel=3)
+        if container.streams.video[0].metadata.get("alpha_mode") == "1":  # of VP8 and VP9, beside the images
+            told = "what is transparent in it is not read, and shows the colours beneath"
+            warnings.warn(f'video "{self._path}": {told}', stacklevel=3)
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
         import av
