@@ -83,7 +83,7 @@ def synthesize(
     keep_inputs(written, [image, *([] if first.mask is None else [first.mask]), *first.files()])
     prepare_folder(output)
     try:
-        views, candidates = first_image.find_outlines(scene, first.segmenter)
+        views, candidates, probability = first_image.find_outlines(scene, first.segmenter)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
     planned = _plan_grasps(views, all_, fingers, friction, top, size)
@@ -96,7 +96,8 @@ def synthesize(
     notes = [*note_candidates(candidates, scene.image, output, first.sure, meant=by_hand), *scene.notes]
     data, page = output / "grasps.json", output / "grasps.png"
     content = grasps_to_dict(planned, image, scene.picture.shape, asked, scale)
-    write_json(data, {**content, "files": names_of_written(written)})
+    choice = {"object_sure": by_hand or not candidates, "object_probability": probability}
+    write_json(data, {**content, **choice, "files": names_of_written(written)})
     title = Path(image).name
     write_grasps(page, scene.picture, planned, fingers=fingers, friction=friction, title=title, px_per_mm=scale)
     if not any(found.grasps for found in planned):

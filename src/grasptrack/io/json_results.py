@@ -143,6 +143,8 @@ def inspection_to_dict(
         "error_interval_px": found.error_interval,
         "drawn": None if run is None else run.drawn._asdict(),
         "object": found.looks._asdict(),
+        "object_sure": found.object_sure,
+        "object_probability": found.object_probability,
         "motions": [motion._asdict() for motion in found.motions.motions],
         "models": {
             key: {"observable": m.observable, "weakest": m.weakest, "least": m.least}
