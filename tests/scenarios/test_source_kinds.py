@@ -43,6 +43,26 @@ def test_what_a_file_holds_is_what_comes_out(kind: Kind, tmp_path: Path) -> None
             np.testing.assert_allclose(times - times[0], held.times, atol=1.1e-3)
 
 
+@pytest.mark.parametrize(
+    "kind", [kind for kind in STILLS if not kind.refused], ids=lambda kind: f"{kind.suffix}, {kind.what}"
+)
+def test_a_damaged_file_is_read_or_refused_in_one_line(kind: Kind, tmp_path: Path) -> None:
+    if not kind.can_be_written:
+        pytest.skip(f"{kind.needs}, which writes it, is not installed")
+    rng, path = np.random.default_rng(5), tmp_path / f"a.{kind.suffix}"
+    kind.write(path, 0)
+    whole = np.frombuffer(path.read_bytes(), np.uint8)
+    for _ in range(12):
+        data = whole[: rng.integers(len(whole))] if rng.random() < 0.3 else whole.copy()
+        if len(data) == len(whole):
+            data[rng.integers(min(len(data), 10 ** rng.integers(2, 6)), size=4)] = rng.integers(256, size=4)
+        path.write_bytes(data.tobytes())
+        try:
+            list(open_source(path))
+        except SourceError as error:
+            assert "\n" not in str(error)
+
+
 def test_several_images_in_one_file_are_no_image_of_a_folder(tmp_path: Path) -> None:
     for kind in STILLS:
         if kind.what in ("of several images", "several pages"):

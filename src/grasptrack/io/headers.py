@@ -36,7 +36,7 @@ def format_for_pillow(data: bytes) -> str:
         return "GIF"
     if data.startswith(b"\x89PNG") and data.find(b"acTL", 0, data.find(b"IDAT")) > 0:
         return "PNG"
-    return "WEBP" if data[8:16] == b"WEBPVP8X" and data[20] & 2 else ""
+    return "WEBP" if data[8:16] == b"WEBPVP8X" and len(data) > 20 and data[20] & 2 else ""
 
 
 def orientation_of(data: bytes) -> int:
@@ -149,7 +149,7 @@ def tiff_directories(data: bytes) -> Iterator[TiffDirectory]:
     big = data[2:4] in (b"+\0", b"\0+")
     (at,) = struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)
     seen: set[int] = set()
-    while at and at not in seen and len(seen) < _MOST_PAGES:
+    while 0 < at < len(data) and at not in seen and len(seen) < _MOST_PAGES:
         seen.add(at)
         (count,) = struct.unpack_from(order + ("Q" if big else "H"), data, at)
         at += 8 if big else 2

@@ -228,7 +228,10 @@ def count_images(data: bytes, name: str) -> int:
     if not format_for_pillow(data):
         return len(pages_of(data))
     picture = _open_picture(data, name)
-    return int(getattr(picture, "n_frames", 1)) - bool(picture.info.get("default_image"))
+    try:
+        return int(getattr(picture, "n_frames", 1)) - bool(picture.info.get("default_image"))
+    except Exception:  # whatever a decoder raises
+        raise SourceError(f"{name} cannot be read: it is damaged", name=name) from None
 
 
 def _turned(image: Image, orientation: int) -> Image:

@@ -239,5 +239,6 @@ class EightBits:
             peak = float(values.max(initial=0.0))
             scales = _FULL_SCALES["f" if plain.dtype.kind == "f" else "u"]
             self._full = next((s for s in scales if s >= peak), peak)
-        scaled: NDArray[np.uint8] = np.clip(values * (255.0 / self._full) + 0.5, 0.0, 255.0).astype(np.uint8)
+        with np.errstate(over="ignore"):
+            scaled: NDArray[np.uint8] = np.clip(values * (255.0 / self._full) + 0.5, 0.0, 255.0).astype(np.uint8)
         return scaled
