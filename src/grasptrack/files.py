@@ -58,10 +58,9 @@ def keep_inputs(written: Iterable[Path], read: Iterable[str | Path]) -> None:
                 path=str(path),
             )
         if path.name in OUTPUTS and path.exists() and path.name not in _written_before(path.parent):
-            raise InputError(
-                f'"{path}" is not of an earlier run, and would be written over: move it, or name another folder (--output)',
-                path=str(path),
-            )
+            with hold_folder(path.parent):  # else it is of a run that goes on
+                told = "is not of an earlier run, and would be written over: move it, or name another folder (--output)"
+                raise InputError(f'"{path}" {told}', path=str(path))
 
 
 def _written_before(folder: Path) -> set[str]:
