@@ -317,6 +317,12 @@ NOT_READ = "cannot be read: it is damaged, or no image of a kind that is read"
 _PNG, _JPEG, _TIFF = ("PNG", "png"), ("JPEG", "jpg"), ("TIFF", "tif")
 _WEBP, _AVIF, _GIF, _HEIC = ("WebP", "webp"), ("AVIF", "avif"), ("GIF", "gif"), ("HEIC", "heic")
 _BMP, _JP2 = ("BMP", "bmp"), ("JPEG 2000", "jp2")
+
+
+def _tif(what: str, write: Any, within: float = EXACT, refused: str = "") -> Kind:
+    return Kind(*_TIFF, what, write, within, refused, "tifffile")
+
+
 STILLS = (
     Kind(*_PNG, "grey", pillow("PNG", as_grey, grey)),
     Kind(*_PNG, "colours", pillow("PNG", as_rgb, colours)),
@@ -344,15 +350,12 @@ STILLS = (
     Kind(*_TIFF, "CMYK", pillow("TIFF", as_cmyk, colours), CLOSE),
     Kind(*_TIFF, "with alpha", pillow("TIFF", as_rgba, clear)),
     Kind(*_TIFF, "grey with alpha", pillow("TIFF", as_grey_alpha, lambda n: clear(n, grey))),
-    Kind(
-        *_TIFF,
+    _tif(
         "multiplied by alpha",
         tiff(lambda n: multiplied(n), lambda n: [clear(n)], photometric="rgb", extrasamples=["assocalpha"]),
         CLOSE,
-        needs="tifffile",
     ),
-    Kind(
-        *_TIFF,
+    _tif(
         "multiplied by alpha, 16 bits",
         tiff(
             lambda n: multiplied(n).astype(np.uint16) * 257,
@@ -361,13 +364,11 @@ STILLS = (
             extrasamples=["assocalpha"],
         ),
         CLOSE,
-        needs="tifffile",
     ),
     Kind(*_TIFF, "turned by EXIF", turned("TIFF")),
     Kind(*_TIFF, "several pages", moving("TIFF", timed=False)),
-    Kind(*_TIFF, "grey, 16 bits", tiff(deep, lambda n: [in_eight(deep(n), 65535)]), needs="tifffile"),
-    Kind(
-        *_TIFF,
+    _tif("grey, 16 bits", tiff(deep, lambda n: [in_eight(deep(n), 65535)])),
+    _tif(
         "colours, 16 bits, BigTIFF",
         tiff(
             lambda n: deep_colours(n)[:, :, ::-1],
@@ -375,23 +376,11 @@ STILLS = (
             bigtiff=True,
             photometric="rgb",
         ),
-        needs="tifffile",
     ),
-    Kind(
-        *_TIFF,
-        "fractions, 32 bits",
-        tiff(lambda n: (grey(n) / 255).astype(np.float32), lambda n: [grey(n)]),
-        needs="tifffile",
-    ),
-    Kind(*_TIFF, "big-endian", tiff(deep, lambda n: [in_eight(deep(n), 65535)], byteorder=">"), needs="tifffile"),
-    Kind(
-        *_TIFF,
-        "in tiles",
-        tiff(lambda n: colours(n)[:, :, ::-1], lambda n: [colours(n)], tile=(16, 16), photometric="rgb"),
-        needs="tifffile",
-    ),
-    Kind(
-        *_TIFF,
+    _tif("fractions, 32 bits", tiff(lambda n: (grey(n) / 255).astype(np.float32), lambda n: [grey(n)])),
+    _tif("big-endian", tiff(deep, lambda n: [in_eight(deep(n), 65535)], byteorder=">")),
+    _tif("in tiles", tiff(lambda n: colours(n)[:, :, ::-1], lambda n: [colours(n)], tile=(16, 16), photometric="rgb")),
+    _tif(
         "in planes",
         tiff(
             lambda n: np.moveaxis(colours(n)[:, :, ::-1], -1, 0),
@@ -399,27 +388,14 @@ STILLS = (
             planarconfig="separate",
             photometric="rgb",
         ),
-        needs="tifffile",
     ),
-    Kind(
-        *_TIFF,
-        "0 is white",
-        tiff(lambda n: 255 - grey(n), lambda n: [grey(n)], photometric="miniswhite"),
-        needs="tifffile",
-    ),
-    Kind(
-        *_TIFF,
-        "a stack of ImageJ's",
-        tiff(stack, lambda n: list(stack(n)), imagej=True),
-        needs="tifffile",
-    ),
-    Kind(
-        *_TIFF,
+    _tif("0 is white", tiff(lambda n: 255 - grey(n), lambda n: [grey(n)], photometric="miniswhite")),
+    _tif("a stack of ImageJ's", tiff(stack, lambda n: list(stack(n)), imagej=True)),
+    _tif(
         "an OME stack",
         tiff(stack, lambda n: list(stack(n)), ome=True, photometric="minisblack", metadata={"axes": "TYX"}),
-        needs="tifffile",
     ),
-    Kind(*_TIFF, "a pyramid", write_pyramid, needs="tifffile"),
+    _tif("a pyramid", write_pyramid),
     Kind(*_WEBP, "lossless", pillow("WEBP", as_rgb, colours, lossless=True)),
     Kind(*_WEBP, "lossy", pillow("WEBP", as_rgb, colours, quality=95), ROUGH),
     Kind(*_WEBP, "with alpha", pillow("WEBP", as_rgba, clear, lossless=True, exact=True)),
@@ -453,20 +429,12 @@ STILLS = (
         opencv(lambda n: (colours(n) / 255).astype(np.float32), colours),
         CLOSE,
     ),
-    Kind(
-        *_TIFF,
+    _tif(
         "five channels",
         tiff(lambda n: np.dstack([grey(n)] * 5), lambda n: [], planarconfig="contig", photometric="minisblack"),
         refused=NOT_READ,
-        needs="tifffile",
     ),
-    Kind(
-        *_TIFF,
-        "fractions of 16 bits",
-        tiff(lambda n: (grey(n) / 255).astype(np.float16), lambda n: []),
-        refused=NOT_READ,
-        needs="tifffile",
-    ),
+    _tif("fractions of 16 bits", tiff(lambda n: (grey(n) / 255).astype(np.float16), lambda n: []), refused=NOT_READ),
     Kind(*_PNG, "cut off", cut(pillow("PNG", as_rgb, colours)), refused="is truncated"),
     Kind(*_JPEG, "cut off", cut(pillow("JPEG", as_rgb, colours)), refused="is truncated"),
     Kind(*_WEBP, "cut off", cut(pillow("WEBP", as_rgb, colours)), refused=NOT_READ),
