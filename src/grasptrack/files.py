@@ -57,13 +57,13 @@ def keep_inputs(written: Iterable[Path], read: Iterable[str | Path]) -> None:
                 f'"{path}" is to be read, and would be written over: name another folder or file for what is written',
                 path=str(path),
             )
-        if path.name in OUTPUTS and path.exists() and path.name not in _written_before(path.parent):
+        if path.name in OUTPUTS and path.exists() and path.name not in written_before(path.parent):
             with hold_folder(path.parent):  # else it is of a run that goes on
                 told = "is not of an earlier run, and would be written over: move it, or name another folder (--output)"
                 raise InputError(f'"{path}" {told}', path=str(path))
 
 
-def _written_before(folder: Path) -> set[str]:
+def written_before(folder: Path) -> set[str]:
     """Names of the files that runs have written to a folder, by what they say of themselves."""
     names: set[str] = set()
     for path in (folder / name for name in OUTPUTS if name.endswith(".json")):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from grasptrack.cli.main import main
+from grasptrack.io.run import prepare_output
 from grasptrack.io.video import VideoWriter
 from recordings import movie, plate, plates, rows, write
 
@@ -266,11 +267,16 @@ def test_what_a_run_has_written_is_replaced_and_no_other_file(
                 main([verb, photo, "--output", str(out), "--quiet", *(["--no-video"] if verb == "track" else [])]) == 0
             )
     named = json.loads((out / "run.json").read_text())["files"]
-    assert named == ["grasps.csv", "summary.png", "run.json"]
+    assert named == ["grasps.csv", "run.json", "summary.png"]
     assert json.loads((out / "grasps.json").read_text())["files"] == ["grasps.json", "grasps.png"]
+    told = json.loads((out / "run.json").read_text())
+    (out / "run.json").write_text(json.dumps({**told, "files": [*named, "candidates.png"]}))
+    (out / "candidates.png").write_text("of a run whose choice was not sure")
+    prepare_output(out)  # as of a run that is broken off
+    assert not (out / "candidates.png").exists() and not (out / "summary.png").exists()
     (out / "overlay.mp4").write_text("mine")
     refused(["track", photo, "--output", str(out)], capsys)
-    assert (out / "overlay.mp4").read_text() == "mine" and (out / "summary.png").exists()
+    assert (out / "overlay.mp4").read_text() == "mine" and (out / "grasps.json").exists()
 
 
 def test_brackets_that_are_meant_as_they_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from grasptrack.documents import write_json
 from grasptrack.errors import InputError
-from grasptrack.files import hold_folder, keep_inputs, prepare_folder
+from grasptrack.files import hold_folder, keep_inputs, prepare_folder, written_before
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.columns import UNITS
 from grasptrack.io.results import GraspsCsv, RunSummary, Tally, software_versions
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from grasptrack.view.summary import Filmstrip
 
 
-FILES = ("grasps.csv", "overlay.mp4", "summary.png", "run.json")
-"""In the order in which an earlier run's are removed: run.json says whose they are."""
+FILES = ("grasps.csv", "run.json", "overlay.mp4", "summary.png")
 
 
 class Tracker(Protocol):
@@ -127,7 +126,8 @@ def prepare_output(output: Path) -> None:
     """
     keep_inputs((output / name for name in FILES), ())
     prepare_folder(output)
-    for name in FILES:
+    pictures = {"candidates.png"} & written_before(output)
+    for name in (*pictures, *sorted(FILES, key="run.json".__eq__)):  # that last: it says whose the others are
         try:
             (output / name).unlink(missing_ok=True)
         except OSError as error:
