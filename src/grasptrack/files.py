@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -36,8 +37,15 @@ def is_full_disk(error: OSError) -> bool:
     return error.errno in _NO_ROOM
 
 
+OUTPUTS = frozenset(
+    {"run.json", "grasps.csv", "overlay.mp4", "summary.png", "candidates.png", "grasps.json", "grasps.png"}
+    | {"inspect.json", "inspect.png", "transfer.json", "transfer.png"}
+)
+"""Names that verbs give what they write; each JSON file tells which of them were written with it."""
+
+
 def keep_inputs(written: Iterable[Path], read: Iterable[str | Path]) -> None:
-    """See, before anything is written, that nothing will be written over what is to be read.
+    """See, before anything is written, that nothing will be written over what is to be read, or what others have written.
 
     Raises:
         InputError: something would.
@@ -49,6 +57,21 @@ def keep_inputs(written: Iterable[Path], read: Iterable[str | Path]) -> None:
                 f'"{path}" is to be read, and would be written over: name another folder or file for what is written',
                 path=str(path),
             )
+        if path.name in OUTPUTS and path.exists() and path.name not in written_before(path.parent):
+            with hold_folder(path.parent):  # else it is of a run that goes on
+                told = "is not of an earlier run, and would be written over: move it, or name another folder (--output)"
+                raise InputError(f'"{path}" {told}', path=str(path))
+
+
+def written_before(folder: Path) -> set[str]:
+    """Names of the files that runs have written to a folder, by what they say of themselves."""
+    names: set[str] = set()
+    for path in (folder / name for name in OUTPUTS if name.endswith(".json")):
+        with suppress(OSError, ValueError):
+            told = json.loads(path.read_bytes())
+            if isinstance(told, dict) and "grasptrack" in (told.get("versions") or ()):
+                names |= {path.name, *told.get("files", OUTPUTS)}
+    return names
 
 
 def prepare_folder(output: Path) -> None:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from typing import Any, NamedTuple
 
 import cv2
@@ -16,9 +18,16 @@ Grey = NDArray[np.uint8]
 MIN_SIDE = 32
 """px; a smaller image cannot show a usable outline."""
 
+DEEPEST = 1 << 12
+"""What values of 10 and 12 bits are below."""
+NOT_SCALED = (
+    "an image of 16 bits has no value above 4095, as of a camera of 10 or 12 bits, and is read as nearly black: "
+    "multiply 10 bits by 64, 12 by 16"
+)
+
 
 def to_grey(image: NDArray[Any]) -> Grey:
-    """A grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4) image of 8 or 16 bits as (H, W) uint8; alpha is dropped.
+    """A grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4) image of 8 or 16 bits, or Pillow's, as (H, W) uint8; alpha is dropped.
 
     Raises:
         SourceError: another type or shape, or a side under 32 px.
@@ -59,9 +68,24 @@ class Channel(NamedTuple):
 PLAIN = Channel()
 
 
+def _is_picture(image: object) -> bool:
+    """Whether it is an image of Pillow's, which need not be loaded for that."""
+    pillow = sys.modules.get("PIL.Image")
+    return pillow is not None and isinstance(image, pillow.Image)
+
+
+def array_of_picture(picture: Any) -> NDArray[Any]:
+    """An image of Pillow's, whose colours are in the order RGB, as (H, W), BGR (H, W, 3) or BGRA (H, W, 4)."""
+    if picture.mode in ("1", "L", "F") or picture.mode.startswith("I"):
+        return np.asarray(picture)
+    clear = "A" in picture.mode or "a" in picture.mode or "transparency" in picture.info
+    array = np.asarray(picture.convert("RGBA" if clear else "RGB"))
+    return np.ascontiguousarray(array[:, :, [2, 1, 0, 3][: array.shape[2]]])
+
+
 def _check_image(image: NDArray[Any]) -> NDArray[np.uint8]:
     """The image as 8 bit, (H, W), (H, W, 3) or (H, W, 4)."""
-    array = np.asarray(image)
+    array = array_of_picture(image) if _is_picture(image) else np.asarray(image)
     if array.ndim == 3 and array.shape[2] == 1:
         array = array[:, :, 0]
     if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] not in (3, 4)):
@@ -72,6 +96,8 @@ def _check_image(image: NDArray[Any]) -> NDArray[np.uint8]:
             shape=array.shape,
         )
     if array.dtype == np.uint16:
+        if 255 < int(array.max()) < DEEPEST:
+            warnings.warn(NOT_SCALED, stacklevel=2)
         return (array >> 8).astype(np.uint8)
     if array.dtype == np.bool_:
         return array.astype(np.uint8) * 255
@@ -81,7 +107,7 @@ def _check_image(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def to_mask(mask: NDArray[Any], shape: tuple[int, ...], what: str) -> Grey:
-    """Any mask of the image's size as (H, W) uint8 of 0 and 255; nonzero is set.
+    """Any mask of the image's size as (H, W) uint8 of 0 and 255; nonzero is set. Instances of a "mask" are parted.
 
     Raises:
         InputError: not the image's size.
@@ -96,7 +122,33 @@ def to_mask(mask: NDArray[Any], shape: tuple[int, ...], what: str) -> Grey:
             f"the {what} is {array.shape[-1]}x{array.shape[0]} px, but the images are {shape[1]}x{shape[0]}",
             shape=array.shape,
         )
-    return np.where(array != 0, np.uint8(255), np.uint8(0))
+    return part_instances(array) if what == "mask" else np.where(array != 0, np.uint8(255), np.uint8(0))
+
+
+MOST_INSTANCES = 255
+"""Values of a mask that numbers its instances."""
+
+
+def part_instances(labels: NDArray[Any]) -> Grey:
+    """(H, W) uint8, 255 where labels (H, W) are not 0, but for four pixels between instances that touch: fewer are bridged.
+
+    Several values are labels where each fills some 3 x 3 pixels: those of a soft edge do not.
+    """
+    mask = np.where(labels != 0, np.uint8(255), np.uint8(0))
+    if labels.dtype == np.bool_ or np.array_equal(labels != 0, labels == labels.max(initial=0)):
+        return mask
+    values = np.unique(labels[labels != 0])
+    if len(values) > MOST_INSTANCES:
+        return mask
+    ids = np.where(labels != 0, 1 + np.searchsorted(values, labels), 0).astype(np.uint16)
+    whole = np.ones((3, 3), np.uint8)
+    cores = (cv2.erode(ids, whole) == cv2.dilate(ids, whole)) & (ids > 0)
+    if len(np.unique(ids[cores])) < len(values):
+        return mask
+    near = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    least = cv2.erode(np.where(ids > 0, ids, np.uint16(MOST_INSTANCES + 1)), near)
+    mask[(ids > 0) & (cv2.dilate(ids, near) != least)] = 0
+    return mask
 
 
 def with_room(mask: Grey) -> Grey:

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pages and tables of docs/ that say what the code says, written from it.
 
-    python tests/helpers/written_pages.py    writes docs/cli.md, docs/api.md, docs/tables/*.md, and two tables
+    python tests/helpers/written_pages.py    writes docs/cli.md, docs/api.md, docs/tables/*.md, and three tables
 
 `cli.md` is the help of every verb, `api.md` the first sentence of every public name, `tables/scenes.md` the disturbances
-and the peers, `tables/numbers.md` the core's free numbers; tables of reasons and of columns stand between their marks in
-`troubleshooting.md` and `files.md`. `tests/scenarios/test_docs.py` compares all of them.
+and the peers, `tables/numbers.md` the core's free numbers; tables of reasons, of columns and of formats stand between their
+marks in `troubleshooting.md`, `files.md` and `sources.md`. `tests/scenarios/test_docs.py` compares all of them.
 """
 
 import inspect
@@ -26,6 +26,8 @@ from grasptrack.tracking.numbers import OWN
 from grasptrack_bench.baselines import PEERS
 from grasptrack_bench.simulation.disturbances import DISTURBANCES
 from program import whole_program
+from sequence_kinds import BAGS, VIDEOS
+from source_kinds import CLOSE, EXACT, ROUGH, STILLS
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -250,6 +252,19 @@ def fill_columns(page: str) -> str:
     return _fill(page, [*rows, "", f"Keys of a line of JSON, in their order: {listed}; on demand `outline`."])
 
 
+def fill_formats(page: str) -> str:
+    """The page on sources with its table of formats written anew."""
+    kinds = (*STILLS, *VIDEOS, *BAGS)
+    rows = ["| format | exact | but for rounding | as compression leaves it |", "|---|---|---|---|"]
+    for named in dict.fromkeys((kind.format, kind.suffix) for kind in kinds if not kind.refused):
+        read = [kind for kind in kinds if (kind.format, kind.suffix) == named and not kind.refused]
+        cells = ["; ".join(k.what for k in read if k.within == within) for within in (EXACT, CLOSE, ROUGH)]
+        rows.append(f"| {named[0]}, `{named[1]}` | {' | '.join(cells)} |".replace("|  |", "| |").replace("|  |", "| |"))
+    rows += ["", "| refused | with the line |", "|---|---|"]
+    rows += [f"| {k.format}, `{k.suffix}`: {k.what} | ... {k.refused} |" for k in kinds if k.refused]
+    return _fill(page, rows)
+
+
 def _fill(page: str, lines: list[str]) -> str:
     text = "\n".join(lines)
     return WITHIN.sub(lambda found: f"{found[1]}\n{text}\n\n{found[2]}", page)
@@ -257,7 +272,7 @@ def _fill(page: str, lines: list[str]) -> str:
 
 def pages() -> dict[Path, str]:
     """Every written page, by its file."""
-    trouble, files = DOCS / "troubleshooting.md", DOCS / "files.md"
+    trouble, files, sources = DOCS / "troubleshooting.md", DOCS / "files.md", DOCS / "sources.md"
     return {
         DOCS / "cli.md": command_line_page(),
         DOCS / "api.md": api_page(),
@@ -265,6 +280,7 @@ def pages() -> dict[Path, str]:
         DOCS / "tables" / "numbers.md": numbers_table(),
         trouble: fill_reasons(trouble.read_text(encoding="utf-8")),
         files: fill_columns(files.read_text(encoding="utf-8")),
+        sources: fill_formats(sources.read_text(encoding="utf-8")),
     }
 
 

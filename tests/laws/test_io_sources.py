@@ -19,9 +19,9 @@ from hypothesis.extra import numpy as hnp
 
 from grasptrack import SourceError, open_source
 from grasptrack.io.bags.messages import MessageImages
-from grasptrack.io.images import EightBits, natural_key
+from grasptrack.io.images import natural_key
 from grasptrack.io.masks import open_masks, read_mask
-from grasptrack.io.pixels import genicam_format, raw_image, ros_format, to_image
+from grasptrack.io.pixels import EightBits, genicam_format, raw_image, ros_format, to_image
 from grasptrack.io.video import VideoWriter
 from recordings import movie, picture, write
 
@@ -61,7 +61,7 @@ def test_a_folder_is_read_in_natural_order_and_other_files_are_passed_over(tmp_p
     names = ["f10.png", "f9.png", "F2.PNG", "f100.bmp", "f3.jpeg", "f4.tif", "f5.pgm"]
     for name in names:
         write(tmp_path / name, picture()[:, :, 0])
-    for other in ("notes.txt", "f1.csv", "._f1.png", "f0.gif"):
+    for other in ("notes.txt", "f1.csv", "._f1.png", "f0.txt"):
         (tmp_path / other).write_text("not an image")
     (tmp_path / "f6.png").mkdir()
     source = open_source(tmp_path)

@@ -162,3 +162,11 @@ def test_a_time_that_is_none_is_refused_and_the_run_goes_on(wrong: Any) -> None:
         tracker.update(IMAGE, time=wrong)
     result = tracker.update(IMAGE, time=0.1)
     assert (result.frame, result.status) == (1, "tracked")
+
+
+def test_a_time_that_goes_back_is_told_once() -> None:
+    tracker = gt.GraspTracker()
+    with pytest.warns(UserWarning, match=r"update 2 was given the time 0.5 s, after one of 1 s") as told:
+        for time in (0.0, 1.0, 0.5, 0.25, 1.5):
+            tracker.update(IMAGE, time=time)
+    assert len(told) == 1

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input: one clear line on stderr, exit status 2, and nothing lost."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 
 from grasptrack.cli.main import main
+from grasptrack.io.run import prepare_output
+from grasptrack.io.video import VideoWriter
 from recordings import movie, plate, plates, rows, write
 
 
@@ -228,3 +231,81 @@ def test_what_is_read_is_never_written_over(
     assert "is to be read, and would be written over: name another folder or file" in told
     assert [path.read_bytes() for path in read] == before
     assert sorted(out.iterdir()) == sorted(set(read))
+
+
+@pytest.mark.parametrize(
+    ("verb", "names"),
+    [
+        ("track", ["grasps.csv", "run.json", "overlay.mp4", "summary.png", "candidates.png"]),
+        ("live", ["grasps.csv", "run.json"]),
+        ("synthesize", ["grasps.json", "grasps.png", "candidates.png"]),
+        ("inspect", ["inspect.json", "inspect.png"]),
+        ("transfer", ["transfer.json", "transfer.png"]),
+    ],
+)
+def test_what_others_have_written_is_never_written_over(
+    verb: str, names: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, photo = tmp_path / "out", str(write(tmp_path / "photo.png", plate((150.0, 118.0), 0.2)))
+    given = [verb, photo, *([photo] if verb == "transfer" else []), *(["--start"] if verb == "live" else [])]
+    out.mkdir()
+    for name in names:
+        (out / name).write_text("{}")
+        told = refused([*given, "--output", str(out)], capsys)
+        assert f'{name}" is not of an earlier run, and would be written over: move it, or name another folder' in told
+        assert (out / name).read_text() == "{}" and [path.name for path in out.iterdir()] == [name]
+        (out / name).unlink()
+
+
+def test_what_a_run_has_written_is_replaced_and_no_other_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, photo = tmp_path / "out", str(write(tmp_path / "photo.png", plate((150.0, 118.0), 0.2)))
+    for verb in ("track", "synthesize", "inspect"):
+        for _ in range(2):
+            assert (
+                main([verb, photo, "--output", str(out), "--quiet", *(["--no-video"] if verb == "track" else [])]) == 0
+            )
+    named = json.loads((out / "run.json").read_text())["files"]
+    assert named == ["grasps.csv", "run.json", "summary.png"]
+    assert json.loads((out / "grasps.json").read_text())["files"] == ["grasps.json", "grasps.png"]
+    told = json.loads((out / "run.json").read_text())
+    (out / "run.json").write_text(json.dumps({**told, "files": [*named, "candidates.png"]}))
+    (out / "candidates.png").write_text("of a run whose choice was not sure")
+    prepare_output(out)  # as of a run that is broken off
+    assert not (out / "candidates.png").exists() and not (out / "summary.png").exists()
+    (out / "overlay.mp4").write_text("mine")
+    refused(["track", photo, "--output", str(out)], capsys)
+    assert (out / "overlay.mp4").read_text() == "mine" and (out / "grasps.json").exists()
+
+
+def test_brackets_that_are_meant_as_they_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = plates(tmp_path / "run[1]", 2)
+    assert main(["track", str(folder / "[0]*.png"), "--output", str(tmp_path / "out"), "-q"]) == 2
+    said = capsys.readouterr().err
+    assert f'where a bracket is meant write "{tmp_path}/run[[]1]/[0]*.png"' in said and said.count("\n") == 1
+    (folder / "000.png").rename(folder / "a[0].png")
+    assert main(["inspect", str(folder / "a[0].png"), "--output", str(tmp_path / "out"), "-q", "--runs", "1"]) == 0
+    assert 'write "a[[]0].png"' in refused(["inspect", "a[0].png"], capsys)
+
+
+def test_a_pattern_of_videos_gives_each_a_folder_and_one_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        writer = VideoWriter(tmp_path / name / "x.mp4")
+        for k in range(4):
+            writer.write(np.dstack([plate((150.0 + k, 118.0), 0.2)] * 3))
+        writer.close()
+    (tmp_path / "b" / "y.mp4").write_text("no video")
+    pattern, out = str(tmp_path / "*" / "x.mp4"), tmp_path / "out"
+    assert main(["track", pattern, "--output", str(out), "--no-video"]) == 0
+    told = capsys.readouterr().out
+    assert told.count("x.mp4") > 2 and sorted(len(rows(folder)) for folder in out.iterdir()) == [4, 4]
+    assert "1 of 2 videos could not be tracked" in refused(
+        ["track", str(tmp_path / "b" / "*.mp4"), "--output", str(out), "--no-video", "-q"], capsys
+    )
+    assert len(rows(out / "x")) == 4
+    assert "--record" in refused(["track", pattern, "--jsonl", "-"], capsys)
+    assert "videos are opened one at a time" in refused(["inspect", pattern], capsys)

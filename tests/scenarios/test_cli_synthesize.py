@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from grasptrack import GraspTracker
 from grasptrack.cli.main import main
 from recordings import movie, plate, strict_json, write
 from test_cli_bad_input import refused
@@ -192,3 +193,18 @@ def test_an_object_that_the_border_cuts_is_said_to_be(tmp_path: Path, capsys: py
     assert "cut by the border: its centre is that of the part in view" in capsys.readouterr().out
     assert main(given(write(tmp_path / "b.png", plate()), tmp_path)) == 0
     assert "cut by" not in capsys.readouterr().out
+
+
+def test_files_tell_how_sure_the_choice_of_the_object_is_as_a_tracker_does(tmp_path: Path) -> None:
+    image = np.minimum(plate((100.0, 80.0), 0.2), plate((220.0, 170.0), 0.2))
+    source, tracker = write(tmp_path / "a.png", image), GraspTracker()
+    probability = tracker.update(image).object_probability
+    assert not tracker.object_sure and probability < 0.9
+    for more, sure in (([], False), (["--choose", "1"], True)):
+        assert main(given(source, tmp_path, "-q", *more)) == 0
+        inspected = ["inspect", str(source), "--output", str(tmp_path / "out"), "-q", "--runs", "1", *more]
+        assert main(inspected) == 0
+        for name in ("grasps.json", "inspect.json"):
+            told = strict_json(tmp_path / "out" / name)
+            assert told["object_sure"] is sure and told["object_probability"] == pytest.approx(probability, abs=1e-4)
+            assert ("candidates.png" in told["files"]) is not sure

@@ -85,6 +85,7 @@ def test_the_places_of_a_symmetric_part_are_told_each_with_its_share(
 
 def test_another_object_and_a_plain_disc_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "transfer.png").write_bytes(b"of an earlier run")
+    (tmp_path / "transfer.json").write_text('{"versions": {"grasptrack": "0"}, "files": ["transfer.png"]}')
     gear = drawn(1.3 * np.array([[-60.0, -8.0], [60.0, -8.0], [60.0, 8.0], [-60.0, 8.0]]), size=(360, 480))
     status, told = transfer(tmp_path, at_rest(L_PLATE, 0.0), gear, "--quiet")
     said = capsys.readouterr()

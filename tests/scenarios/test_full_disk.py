@@ -2,6 +2,7 @@
 """A disk that gets full, or a limit on files: one line, status 2, and what was computed can be read."""
 
 import json
+import os
 import shlex
 import subprocess
 import sys
@@ -26,7 +27,10 @@ sys.exit(main())
 
 
 def refused(limit: int, *given: str) -> str:
-    done = subprocess.run([sys.executable, "-c", LIMITED, str(limit), *given], capture_output=True, text=True)
+    whole = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}  # else Python leaves modules behind that are cut off
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, str(limit), *given], capture_output=True, text=True, env=whole
+    )
     assert done.returncode == 2, done.stderr
     assert done.stderr.count("\n") == 1 and done.stderr.startswith("grasptrack: "), done.stderr
     return done.stderr

@@ -9,16 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import av
+import cv2
 import numpy as np
 import pytest
 
 from grasptrack import InputError, TrackResult, open_source
+from grasptrack.cli.main import main
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.force_closure import GraspAnalysis
 from grasptrack.io.columns import UNITS, csv_columns
 from grasptrack.io.results import Tally
 from grasptrack.io.run import FILES, run_track
-from recordings import movie, rows
+from recordings import movie, plate, rows, write
 
 SQUARE = Contour([[10, 10], [25, 10], [40, 10], [40, 25], [40, 40], [25, 40], [10, 40], [10, 25]])
 
@@ -75,10 +77,36 @@ def length(path: Path) -> int:
 
 def test_a_third_finger_has_columns_beside_those_of_the_others() -> None:
     """Those of two fingers are told by docs/files.md."""
-    third, two = ["x3", "y3", "seen3", "cov_xx3", "cov_xy3", "cov_yy3"], csv_columns(2)
+    third, two = ["x3", "y3", "seen3", "cov_xx3", "cov_xy3", "cov_yy3", "last_seen3"], csv_columns(2)
     assert [name for name in csv_columns(3) if name not in third] == two
     before = {name: csv_columns(3)[csv_columns(3).index(name) - 1] for name in third}
-    assert [before[name] for name in ("x3", "seen3", "cov_xx3")] == ["y2", "seen2", "cov_yy2"]
+    assert [before[name] for name in ("x3", "seen3", "cov_xx3", "last_seen3")] == [
+        "y2",
+        "seen2",
+        "cov_yy2",
+        "last_seen2",
+    ]
+
+
+def test_files_tell_since_when_a_contact_has_not_been_seen_and_angles_by_names_with_their_unit(tmp_path: Path) -> None:
+    images = tmp_path / "images"
+    images.mkdir()
+    for k in range(12):
+        image = plate((160.0 + 1.5 * k, 120.0 + k), 0.2)
+        if 5 <= k < 9:
+            cv2.circle(image, (round(230.9 + 1.5 * k), round(126.5 + k)), 14, 120, -1, cv2.LINE_AA)
+        write(images / f"{k:02d}.png", image)
+    out = tmp_path / "out"
+    given = ["--start", "2", "--no-video", "-q", "--jsonl", str(tmp_path / "lines.jsonl")]
+    assert main(["track", str(images), "--output", str(out), *given]) == 0
+    told = rows(out)
+    assert [int(row["last_seen1"]) for row in told] == [2, 3, 4, 4, 4, 4, 4, 9, 10, 11]
+    assert [int(row["last_seen2"]) for row in told] == list(range(2, 12))
+    lines = [json.loads(line) for line in (tmp_path / "lines.jsonl").read_text().splitlines()]
+    assert lines[5]["last_seen"] == [4, 7]
+    for name in ("margin", "margin_sd", "margin_image", "tilt", "tilt_sd"):
+        assert [row[name] for row in told] == [row[f"{name}_deg"] for row in told]
+        assert lines[5][name] == lines[5][f"{name}_deg"] and UNITS[f"{name}_deg"] == "degrees"
 
 
 def test_a_row_for_every_frame_with_empty_cells_where_there_is_no_value(tmp_path: Path) -> None:

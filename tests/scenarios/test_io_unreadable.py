@@ -17,7 +17,8 @@ import pytest
 
 from grasptrack import SourceError, open_source
 from grasptrack.cli.main import main
-from grasptrack.io.images import image_size_in_header, read_image
+from grasptrack.io.headers import image_size_in_header
+from grasptrack.io.images import read_image
 from grasptrack.io.limits import limit_megapixels
 from recordings import movie, picture, plate, plates, recording, write
 from test_cli_bad_input import refused

@@ -345,6 +345,7 @@ def test_a_port_that_is_taken_leaves_an_earlier_runs_files(tmp_path: Path, capsy
     with page_of_plate(tmp_path) as (_, server):
         (tmp_path / "out").mkdir()
         (tmp_path / "out" / "grasps.csv").write_text("of an earlier run")
+        (tmp_path / "out" / "run.json").write_text('{"versions": {"grasptrack": "0"}, "files": ["grasps.csv"]}')
         command = ["live", str(tmp_path / "in"), "--output", str(tmp_path / "out"), "--port", str(server.port)]
         assert main(command) == 2
     assert f"port {server.port}" in capsys.readouterr().err

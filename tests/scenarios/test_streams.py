@@ -239,6 +239,16 @@ def test_images_are_taken_as_they_come_and_lines_given_at_once(tmp_path: Path) -
     assert len(rows(tmp_path)) == 3
 
 
+@pytest.mark.parametrize("suffix", ["mp4", "mov"])
+def test_an_mp4_whose_index_comes_last_says_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
+    path = recording(tmp_path / f"m.{suffix}", "libx264")
+    with pytest.raises(SourceError, match=r"index \(moov\) comes last, .* -movflags \+faststart OUT$"):
+        piped(path.read_bytes(), monkeypatch)
+    assert len(piped(movie(tmp_path / "front.mp4", count=3).read_bytes(), monkeypatch)) == 3
+
+
 @pytest.mark.parametrize("share", [0.5, 0.7, 0.8, 0.9, 0.99, 1.0])
 def test_a_video_that_was_cut_off_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, share: float) -> None:
     whole = movie(tmp_path / "m.mp4", count=60).read_bytes()

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import json
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -95,6 +96,20 @@ def note_candidates(
     return [
         f"{told}: {picture} shows what else it may be{also}; --choose N takes another, --object or --outline say it"
     ]
+
+
+def names_of_written(paths: Iterable[Path]) -> list[str]:
+    """Of a verb's files, to be told in its JSON: all but the candidates' picture where it was not drawn."""
+    return [path.name for path in paths if path.name != PICTURE or path.exists()]
+
+
+def tell_of_picture(output: Path) -> None:
+    """Add the candidates' picture, where it was drawn, to what run.json names."""
+    if (output / PICTURE).exists():
+        from grasptrack.documents import write_json
+
+        told = json.loads((output / "run.json").read_bytes())
+        write_json(output / "run.json", {**told, "files": [*told["files"], PICTURE]})
 
 
 BEAT = 0.05

@@ -203,16 +203,16 @@ class FirstImageOptions:
         picture = only_image(name, taken).image
         with by_option():
             said.within(picture.shape)
-        return straighten(picture, said, calibration, None if self.mask is None else read_mask(self.mask))
+        return straighten(picture, said, calibration, None if self.mask is None else read_mask(self.mask, parted=True))
 
 
 @dataclass(frozen=True)
 class MaskedImage(FirstImageOptions):
     """What is said of one image, of which there may be a mask."""
 
-    mask: Annotated[str | None, option(OBJECT, "FILE", "Your own segmentation: a mask that is white on objects.")] = (
-        None
-    )
+    mask: Annotated[
+        str | None, option(OBJECT, "FILE", "Your own segmentation: a mask that is white on objects, or numbers them.")
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -332,8 +332,22 @@ def straighten(picture: Pixels, said: FirstImage, calibration: Camera | None, ma
     return UserScene(picture, lens.straight_image(picture), said.without_distortion(lens), straight_mask, lens, notes)
 
 
-def find_outlines(scene: UserScene, segmenter: str | None = None) -> tuple[list[View], Sequence[Candidate]]:
-    """Outlines in an image, none within another, the object that is meant first; and where that is not sure, what it may be.
+class FoundOutlines(NamedTuple):
+    """What lies in an image.
+
+    Attributes:
+        views: outlines, none within another, the object that is meant first.
+        candidates: what that may be, where its choice is not sure.
+        probability: that it is what the first one shows.
+    """
+
+    views: list[View]
+    candidates: Sequence[Candidate]
+    probability: float
+
+
+def find_outlines(scene: UserScene, segmenter: str | None = None) -> FoundOutlines:
+    """Outlines in an image.
 
     Raises:
         ObservationError: no object, or none where it should be.
@@ -345,10 +359,10 @@ def find_outlines(scene: UserScene, segmenter: str | None = None) -> tuple[list[
 
     regions, said = segmenter_for(segmenter), scene.said
     found = find_objects(scene.image, said, mask=scene.mask, segmenter=regions)
-    views = [c.view for c in found]
-    if said.number is not None or found[0].probability >= said.sure:
-        return views, []
-    return views, distinct_candidates(look_for(scene.image, said, regions, scene.mask))
+    views, probability = [c.view for c in found], found[0].probability
+    if said.number is not None or probability >= said.sure:
+        return FoundOutlines(views, [], probability)
+    return FoundOutlines(views, distinct_candidates(look_for(scene.image, said, regions, scene.mask)), probability)
 
 
 def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandSize, known: KnownGeometry) -> Settings:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import first_image, help_groups, options
-from grasptrack.cli.advice import note_candidates
+from grasptrack.cli.advice import PICTURE, names_of_written, note_candidates
 from grasptrack.cli.help_groups import as_asked, option
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
@@ -64,7 +64,7 @@ def inspect(
     from grasptrack.tracking.numbers import NUMBERS
     from grasptrack.view.inspect import write_inspection
 
-    written = (output / name for name in ("inspect.json", "inspect.png", "candidates.png"))
+    written = [output / name for name in ("inspect.json", "inspect.png", PICTURE)]
     keep_inputs(written, [image, *([] if first.mask is None else [first.mask]), *first.files()])
     prepare_folder(output)
     said = {name: value for name, value in scene.said.tracker_arguments().items() if name != "sure"}
@@ -91,7 +91,7 @@ def inspect(
     found = found if lens is None else as_seen(found, lens)
     by_hand = scene.said.is_settled or first.mask is not None
     notes = note_candidates(found.candidates, scene.picture, output, first.sure, meant=by_hand)
-    content = inspection_to_dict(found, image, scene.picture.shape, asked)
+    content = inspection_to_dict(found, image, scene.picture.shape, asked, names_of_written(written))
     write_json(data, content)
     if json_ and not quiet:
         import json

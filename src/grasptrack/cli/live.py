@@ -81,7 +81,7 @@ def live(
     from grasptrack.live.session import LiveSession
 
     frames = open_source(source, images.fps, settings=images.camera_settings())
-    keep_inputs((output / name for name in FILES), first.files())  # the session sees to its source
+    keep_inputs((output / name for name in FILES), [*frames.files, *first.files()])
     said = first.with_images(said)
     settings.make_tracker(said)  # what does not go together is told before anything is served
     listener = bind_socket(host, port)  # before anything in the folder is replaced

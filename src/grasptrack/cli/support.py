@@ -17,6 +17,7 @@ from grasptrack.errors import InputError, install_hint, own_pip
 
 EXTRAS = {
     "live": "grasptrack live: the page in the browser",
+    "heif": "photos in HEIC, as phones take them",
     "bags": "bags of ROS and MCAP files as sources",
     "foxglove": "--record run.mcap",
     "rerun": "--record run.rrd",

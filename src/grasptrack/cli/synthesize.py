@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import first_image, help_groups, options
-from grasptrack.cli.advice import note_candidates
+from grasptrack.cli.advice import PICTURE, names_of_written, note_candidates
 from grasptrack.cli.help_groups import as_asked, option
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
@@ -79,11 +79,11 @@ def synthesize(
     from grasptrack.io.json_results import grasps_to_dict
     from grasptrack.view.grasps import write_grasps
 
-    written = (output / name for name in ("grasps.json", "grasps.png", "candidates.png"))
+    written = [output / name for name in ("grasps.json", "grasps.png", PICTURE)]
     keep_inputs(written, [image, *([] if first.mask is None else [first.mask]), *first.files()])
     prepare_folder(output)
     try:
-        views, candidates = first_image.find_outlines(scene, first.segmenter)
+        views, candidates, probability = first_image.find_outlines(scene, first.segmenter)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
     planned = _plan_grasps(views, all_, fingers, friction, top, size)
@@ -95,7 +95,9 @@ def synthesize(
     by_hand = all_ or first.outline is not None or first.mask is not None
     notes = [*note_candidates(candidates, scene.image, output, first.sure, meant=by_hand), *scene.notes]
     data, page = output / "grasps.json", output / "grasps.png"
-    write_json(data, grasps_to_dict(planned, image, scene.picture.shape, asked, scale))
+    content = grasps_to_dict(planned, image, scene.picture.shape, asked, scale)
+    choice = {"object_sure": by_hand or not candidates, "object_probability": probability}
+    write_json(data, {**content, **choice, "files": names_of_written(written)})
     title = Path(image).name
     write_grasps(page, scene.picture, planned, fingers=fingers, friction=friction, title=title, px_per_mm=scale)
     if not any(found.grasps for found in planned):

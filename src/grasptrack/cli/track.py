@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from grasptrack.cli import first_image, help_groups, options
-from grasptrack.cli.advice import BackgroundVerdict, advice_for, note_candidates
+from grasptrack.cli.advice import PICTURE, BackgroundVerdict, advice_for, note_candidates, tell_of_picture
 from grasptrack.cli.help_groups import as_asked
-from grasptrack.cli.terminal import Interruption, ProgressBar, RunInterruptedError, show_run
+from grasptrack.cli.terminal import Interruption, ProgressBar, RunInterruptedError, show_rows, show_run
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
@@ -66,6 +68,8 @@ def track(
     3 px and 4 % of the root of the object's area, or than --tolerance, or that it is another object. Other frames are lost,
     with a reason.
 
+    Where SOURCE is a pattern that names videos, as "*.mp4", each has a folder of its own below --output, and one table sums up.
+
     On a belt, --wait --next follows one object after another, each with its own grasp_id, from where it lies whole in view to
     where it leaves the image. One that comes back is a new one; one hidden, blurred or lost in plain view is not given up.
 
@@ -94,6 +98,15 @@ def track(
       grasptrack track video.mp4 --camera camera.yaml --length 120mm
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """
+    if videos := _videos_of(source):
+        if recording.files() or recording.jsonl or first.mask is not None:
+            raise InputError(
+                f'"{source}" names {len(videos)} videos: --record, --jsonl and --masks are for one at a time'
+            )
+        given: dict[str, Any] = {"grasp": grasp, "first": first, "hand": hand, "known": known, "images": images}
+        given |= {"recording": recording, "start": start, "no_video": no_video, "quiet": True}
+        _track_each(videos, output, quiet, partial(track, **given))
+        return
     asked = {
         **as_asked(grasp, hand, images, known),
         **first.as_written(),
@@ -120,7 +133,7 @@ def track(
     asks = not (frames.live or frames.kind == "stdin" or grasp.wait)  # who waits for a sure choice asks no other image
     more = _later_images(source, settings, start) if asks else ()
     tracker = tracking.make_tracker(replace(first.with_images(said), more=more))
-    beside = [output / name for name in (*FILES, "candidates.png")]
+    beside = [output / name for name in (*FILES, PICTURE)]
     keep_inputs([*beside, *recording.files()], [*frames.files, *first.files(), *(segmentation or ())])
     recordings = recording.open_recordings(asked)
     quiet = quiet or recording.jsonl == "-"  # the standard output is for the lines
@@ -174,9 +187,55 @@ def track(
         again = frames.recorded_with if len(frames.recorded_with) <= LONGEST else f'in its metadata, "{METADATA}"'
         notes.append(f"recorded with other options; those that give the same digits: {again}")
     notes += note_candidates(seen, looked_at, output, first.sure, meant=said.is_settled)
+    tell_of_picture(output)
     notes += advice_for(summary.codes, summary.frames)
     if not quiet:
         show_run(summary, output, notes)
+
+
+def _videos_of(source: str) -> dict[str, Path]:
+    """The videos that a pattern names where it names no image, each by the name of its folder; else none."""
+    from grasptrack.io.images import files_matching, is_image_file
+
+    if not any(c in source for c in "*?[") or Path(source).exists():
+        return {}
+    files = files_matching(source)
+    if any(is_image_file(path) for path in files):
+        return {}
+    for name_of in (lambda p: p.stem, lambda p: p.name, lambda p: "-".join(p.parts).strip("/-")):
+        named = {name_of(path): path for path in files}
+        if len(named) == len(files):
+            break
+    return named
+
+
+def _track_each(videos: Mapping[str, Path], output: Path, quiet: bool, track_one: Callable[..., None]) -> None:
+    """Track videos one after another; one that cannot be tracked keeps none of the others from it.
+
+    Raises:
+        InputError: some could not.
+    """
+    import json
+
+    rows, failed = [], dict[str, str]()
+    for number, (name, path) in enumerate(videos.items(), 1):
+        if not quiet:
+            typer.echo(f"{number} of {len(videos)}: {path}")
+        figures: dict[str, Any] = {}
+        try:
+            track_one(str(path), output=output / name)
+            figures = json.loads((output / name / "run.json").read_bytes())
+        except InputError as error:
+            failed[name] = str(error)
+        counts = figures.get("counts", {})
+        cells = [figures.get("frames", ""), *(counts.get(s, "") for s in ("tracked", "unstable", "lost", "searching"))]
+        rows.append([name, *map(str, cells)])
+    if not quiet:
+        heads = [("video", "left"), *((n, "right") for n in ("frames", "tracked", "unstable", "lost", "searching"))]
+        show_rows("Videos, each in a folder of its own", heads, rows, [*failed.values(), f"folders: {output}"])
+    if failed:
+        first = next(iter(failed.values()))
+        raise InputError(f"{len(failed)} of {len(videos)} videos could not be tracked to their end, the first: {first}")
 
 
 def _later_images(source: str, settings: Mapping[str, str], start: int) -> Iterator[NDArray[Any]]:

@@ -192,7 +192,8 @@ def _write_files(
     from grasptrack.view.pair import write_pair
 
     data, picture = output / "transfer.json", output / "transfer.png"
-    write_json(data, transfer_to_dict(names, reference[2], found.outcomes, found.places, found.ambiguous, asked))
+    content = transfer_to_dict(names, reference[2], found.outcomes, found.places, found.ambiguous, asked)
+    write_json(data, {**content, "files": [data.name, *([] if found.current is None else [picture.name])]})
     if found.current is None:
         picture.unlink(missing_ok=True)
         return [data]

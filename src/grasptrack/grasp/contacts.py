@@ -154,6 +154,11 @@ class RankedGrasp(Grasp):
         self.terms, self.spread, self.margin = terms, spread, margin
         self.directions, self.regions, self.fingers, self.swept = directions, regions, fingers, swept
 
+    @property
+    def margin_deg(self) -> float:
+        """The margin in degrees."""
+        return math.degrees(self.margin)
+
 
 @compared_by_value
 class GraspList(list[RankedGrasp]):

@@ -66,7 +66,7 @@ class GraspAnalysis(NamedTuple):
         """One line: stable or why not, and by how much."""
         verdict = "stable" if self.stable else f'"{self.reason}"'
         return (
-            f"GraspAnalysis({verdict}, margin {self.margin:.3f} rad, epsilon {self.epsilon:.3f}, in {self.judged_in})"
+            f"GraspAnalysis({verdict}, margin {self.margin_deg:.1f}°, epsilon {self.epsilon:.3f}, in {self.judged_in})"
         )
 
 

@@ -89,7 +89,7 @@ class Source(ABC):
         fps: frames/s, above 0, that give frame i the time i / fps s, in place of the source's own times; None leaves these.
 
     Attributes:
-        kind: "folder", "glob", "image", "video", "camera", "stream", "ros2", "bag" or "stdin".
+        kind: "folder", "glob", "image", "stack", "video", "camera", "stream", "ros2", "bag" or "stdin".
         live: whether it goes on for as long as it is read, and gives the newest image only: what comes while an image is
             worked on is dropped.
         dropped: images of a live source that were not given since iterating began.

@@ -84,7 +84,7 @@ def _flat_list(values: Any) -> list[float]:
     return values.ravel().tolist()  # type: ignore[no-any-return]
 
 
-COLUMNS = (
+_TOLD = (
     CsvColumn("frame", "integer", "", "never"),
     CsvColumn("time_s", "number", "s", "the source has no times", ".6f", take=attrgetter("time")),
     CsvColumn("status", "text", "", "never"),
@@ -157,13 +157,26 @@ COLUMNS = (
     CsvColumn("surface", "number", "0 to 1, share of the surface's patches", _NO_CONTACTS, ".3f"),
     CsvColumn("object_sure", "flag", "", "never", "d"),
     CsvColumn("object_probability", "number", "probability", "no choice was made: the outline was given", ".4f"),
+    CsvColumn(
+        "last_seen",
+        "shares",
+        "frame in which the contact itself was seen last",
+        _NO_CONTACTS,
+        "d",
+        cells="last_seen{i}",
+        spread=_flat_list,
+    ),
 )
+_IN_DEGREES = tuple(column for column in _TOLD if column.unit == "degrees")
+"""Whose names do not say so; they stay for a version."""
+COLUMNS = _TOLD + tuple(each._replace(name=f"{each.name}_deg", take=each.value_of) for each in _IN_DEGREES)
 """In the order of grasps.csv; new ones come at the end."""
 NAMED = {column.name: column for column in COLUMNS}
 IN_JSON = (
-    "frame", "time_s", "status", "reason", "reason_code", "strategy", "grasp_id", "contacts", "covariances", "seen", "edge",
-    "surface", "homography", "confidence", "chance", "margin", "margin_sd", "margin_image", "tilt", "tilt_sd", "distance",
-    "distance_sd", "mended", "notice", "object_sure", "object_probability", "latency_ms",
+    "frame", "time_s", "status", "reason", "reason_code", "strategy", "grasp_id", "contacts", "covariances", "seen",
+    "last_seen", "edge", "surface", "homography", "confidence", "chance", "margin_deg", "margin_sd_deg", "margin_image_deg",
+    "tilt_deg", "tilt_sd_deg", "distance", "distance_sd", "mended", "notice", "object_sure", "object_probability",
+    "latency_ms", *(column.name for column in _IN_DEGREES),
 )  # fmt: skip
 """The order of lines of JSON and of recordings."""
 UNITS = {column.name: column.unit for column in COLUMNS if column.unit}
@@ -183,7 +196,7 @@ def csv_cells(result: TrackResult, index: int, time: float | None, fingers: int)
         time: the frame's time, s.
         fingers: number of contacts that there are columns for.
     """
-    of_frame = {"frame": index, "time_s": time}
+    of_frame = {"frame": index, "time_s": time, "last_seen": _frames_of(result, index)}
     cells: list[str] = []
     for column in COLUMNS:
         value = of_frame[column.name] if column.name in of_frame else column.shown_value(result)
@@ -192,6 +205,11 @@ def csv_cells(result: TrackResult, index: int, time: float | None, fingers: int)
         written = [_format_cell(part, column.digits) for part in listed[:count]]
         cells += written + [""] * (count - len(written))
     return cells
+
+
+def _frames_of(result: TrackResult, index: int) -> Any:
+    """`last_seen` by the source's numbers of frames, of which the result's is this one."""
+    return None if result.last_seen is None else result.last_seen + (index - result.frame)
 
 
 def _format_cell(value: Any, digits: str) -> str:
@@ -207,7 +225,7 @@ def result_fields(frame: Frame, result: TrackResult, *, outline: bool = False) -
         outline: tell the outline that was observed, the outer contour first, then holes.
     """
     fields = {name: NAMED[name].shown_value(result) for name in IN_JSON}
-    fields |= {"frame": frame.index, "time_s": frame.time}
+    fields |= {"frame": frame.index, "time_s": frame.time, "last_seen": _frames_of(result, frame.index)}
     if outline:
         fields["outline"] = None if result.view is None else [c.points for c in result.view.contours]
     plain: dict[str, Any] = plain_value(fields)

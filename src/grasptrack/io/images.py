@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Image files: a source of one, of a folder, or of those that a pattern names; sizes by headers; JPEG and PNG to write.
 
-Depth: 8-bit values stay as they are. Deeper images are scaled to 8 bits by one factor for the whole sequence, that of
-the smallest usual full scale (1 for fractions, else 255 for float images, 10, 12, 14 or 16 bits) that holds the first
-image's largest value, so that a dark 12-bit recording is not left with a dozen grey levels; what is brighter later on
-saturates, as in a camera. Only where much of an image would, as after a first one that was nearly black, the scale rises.
-Alpha: what is transparent shows black. EXIF rotation is applied, as viewers do.
+Images come in 8 bits, see `pixels.EightBits`, and are turned as their EXIF says, as viewers do.
+
+OpenCV reads what has more than 8 bits or comes in long sequences; Pillow reads AVIF, GIF, HEIC and what moves.
 """
 
 from __future__ import annotations
 
 import contextlib
 import glob
+import io
+import itertools
 import re
-import struct
+import warnings
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,30 +24,28 @@ from numpy.typing import NDArray
 
 from grasptrack import arguments
 from grasptrack.errors import InputError, SourceError
+from grasptrack.images import array_of_picture
 from grasptrack.io.base import UNREAD, Image, Source
+from grasptrack.io.headers import (
+    MULTIPLIED,
+    TIFF,
+    format_for_pillow,
+    image_size_in_header,
+    is_whole_image,
+    largest_value,
+    orientation_of,
+    pages_of,
+    tiff_directories,
+)
 from grasptrack.io.limits import check_size
+from grasptrack.io.pixels import EightBits
+from grasptrack.plugins import import_extra
 
-
-def is_whole_image(data: bytes) -> bool:
-    """False for a JPEG or PNG without its end marker; True where the format keeps none."""
-    if data.startswith(b"\xff\xd8"):
-        return data.find(b"\xff\xd9", _scan_of(data)) > 0
-    if data.startswith(b"\x89PNG"):
-        return b"IEND" in data
-    return True
-
-
-def _scan_of(data: bytes) -> int:
-    """Where the first scan of a JPEG begins; what comes before may hold a thumbnail with an end marker of its own."""
-    at = 2
-    while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] != 0xDA:
-        at += 1 if data[at + 1] == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
-    return at
-
-
-SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".pgm"})
-NAMED = "jpg, png, tif, bmp, pgm"
-_FULL_SCALES = {"u": (1023.0, 4095.0, 16383.0, 65535.0), "f": (1.0, 255.0, 1023.0, 4095.0, 16383.0, 65535.0)}
+SUFFIXES = frozenset(
+    {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".pbm", ".pnm"}
+    | {".webp", ".gif", ".avif", ".heic", ".heif", ".jp2", ".j2k"}
+)
+NAMED = "jpg, png, tif, bmp, pgm, ppm, webp, gif, avif, heic, jp2"
 
 
 def natural_key(name: str) -> tuple[list[str | int], str]:
@@ -80,12 +78,29 @@ def images_matching(pattern: str) -> list[Path]:
     """The images that a pattern with *, ? or [] names, in natural order.
 
     Raises:
-        SourceError: none.
+        SourceError: none; the message says why that may be.
     """
-    found = [p for p in map(Path, glob.glob(pattern, recursive=True)) if is_image_file(p) and p.is_file()]  # noqa: PTH207
+    files = files_matching(pattern)
+    found = [path for path in files if is_image_file(path)]
     if not found:
-        raise SourceError(f'no image matches "{pattern}" ({NAMED})', pattern=pattern)
+        why = f"{len(files)} other files do, and videos are opened one at a time" if files else _bracket_hint(pattern)
+        raise SourceError(f'no image matches "{pattern}" ({NAMED})' + (f"; {why}" if why else ""), pattern=pattern)
+    return found
+
+
+def files_matching(pattern: str) -> list[Path]:
+    """The files that a pattern names, in natural order; hidden ones are not meant."""
+    found = [path for path in map(Path, glob.glob(pattern, recursive=True)) if path.is_file()]  # noqa: PTH207
     return sorted(found, key=lambda p: natural_key(p.as_posix()))
+
+
+def _bracket_hint(pattern: str) -> str:
+    """What to write where a pattern's brackets were meant as they are."""
+    if "[" not in pattern:
+        return ""
+    real = next((str(p) for p in (Path(pattern), *Path(pattern).parents) if "[" in str(p) and p.exists()), "")
+    written = pattern.replace(real, glob.escape(real), 1) if real else pattern.replace("[", "[[]")
+    return f'in a pattern [ ] stand for one character of those between them; where a bracket is meant write "{written}"'
 
 
 def read_image(path: Path) -> Image:
@@ -122,10 +137,10 @@ def decode_image(data: bytes, name: str) -> Image:
         check_size(*size, name)
     if not is_whole_image(data):
         raise SourceError(f"{name} is truncated", name=name)
-    if len(pages := pages_of(data)) > 1:
-        raise SourceError(
-            f"{name} holds {len(pages)} images: it is a sequence of its own, to be given alone", name=name
-        )
+    if (count := count_images(data, name)) > 1:
+        raise SourceError(f"{name} holds {count} images: it is a sequence of its own, to be given alone", name=name)
+    if format_for_pillow(data):
+        return next(_pictures_in(data, name))[0]
     if size is None:  # OpenCV reads more formats, of which nothing tells the size beforehand
         raise SourceError(f"{name} cannot be read: it is damaged, or no image ({NAMED})", name=name)
     # IMREAD_UNCHANGED alone keeps alpha, and alone ignores EXIF rotation; no JPEG has alpha.
@@ -135,43 +150,95 @@ def decode_image(data: bytes, name: str) -> Image:
         image: Image | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except (cv2.error, MemoryError):
         image = None
+    image = _tiff_page(image, data, 0) if data[:4] in TIFF else image
     if image is None or image.size == 0:
-        raise SourceError(f"{name} cannot be read: it is damaged, or no image", name=name)
-    return image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
+        raise SourceError(f"{name} cannot be read: it is damaged, or no image of a kind that is read", name=name)
+    if (white := largest_value(data)) < 255:
+        image = cv2.convertScaleAbs(image, alpha=255.0 / max(white, 1))
+    image = image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
+    return _turned(image, orientation_of(data))
 
 
-SATURATED = 0.05
-"""Share of an image's values from which on the first image's scale is not that of the sequence: no glint takes as much."""
+@contextlib.contextmanager
+def _without_warnings() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
 
-class EightBits:
-    """Images of any depth as uint8, grey (H, W) or BGR (H, W, 3).
+def _open_picture(data: bytes, name: str) -> Any:
+    """A file as Pillow's image, whose pixels are not read yet."""
+    from PIL import Image as Pictures
 
-    Args:
-        full: value of deeper images that becomes 255; None takes the one that suits the first of them.
+    if format_for_pillow(data) == "HEIF":
+        import_extra("pillow_heif", "heif", name).register_heif_opener()
+    try:
+        with _without_warnings():  # sizes have a limit of our own
+            picture = Pictures.open(io.BytesIO(data))
+    except Exception:  # whatever a decoder raises
+        raise SourceError(f"{name} cannot be read: it is damaged, or no image ({NAMED})", name=name) from None
+    check_size(*picture.size, name)
+    return picture
+
+
+NO_DURATION = 0.1
+"""s that an image is shown of which its file says 0: browsers agree."""
+
+
+def _pictures_in(data: bytes, name: str) -> Generator[tuple[Image, float | None], None, None]:
+    """The images of a file that Pillow reads, upright, with the times in s at which they are shown, or None."""
+    from PIL import ImageOps
+
+    picture, time = _open_picture(data, name), 0.0
+    for k in range(bool(picture.info.get("default_image")), getattr(picture, "n_frames", 1)):
+        try:
+            picture.seek(k)
+            picture.load()
+            shown = array_of_picture(ImageOps.exif_transpose(picture))
+        except Exception:  # whatever a decoder raises
+            raise SourceError(f"{name} cannot be read: it is damaged", name=name, page=k) from None
+        lasts = picture.info.get("duration")
+        yield shown, None if lasts is None else time
+        time += 0.001 * (lasts or 0.0) or NO_DURATION
+
+
+def _tiff_page(image: Image | None, data: bytes, page: int) -> Image | None:
+    """A page as OpenCV reads it, but for its alpha, which OpenCV drops of grey and multiplies 8-bit colours by.
+
+    Pillow also reads small tiles, of which OpenCV makes nothing.
     """
+    told = next(itertools.islice(tiff_directories(data), page, None), None)
+    if image is not None and told is not None:
+        channels = 1 if image.ndim == 2 else image.shape[2]
+        if channels == told.samples and (channels < 4 or image.dtype != np.uint8):
+            return image[:, :, :3] if channels == 4 and told.extra == MULTIPLIED else image
+    with contextlib.suppress(Exception), _without_warnings():  # whatever a decoder raises
+        picture = _open_picture(data, "")
+        picture.seek(page)
+        return array_of_picture(picture)
+    return image
 
-    def __init__(self, full: float | None = None) -> None:
-        self._full, self._told = full, full is not None
 
-    def __call__(self, image: Image) -> NDArray[np.uint8]:
-        """The image in 8 bits, (H, W) or (H, W, 3)."""
-        plain = image
-        if image.ndim == 3 and image.shape[2] == 4:
-            opaque = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1.0
-            plain = image[:, :, :3]
-            if image[:, :, 3].min() < opaque and image[:, :, 3].any():  # where all is transparent, alpha is not meant
-                plain = (plain * (image[:, :, 3:] / opaque)).astype(image.dtype)
-        if plain.dtype == np.uint8:
-            return np.ascontiguousarray(plain)
-        if plain.dtype == np.bool_:
-            return plain.astype(np.uint8) * np.uint8(255)
-        values = np.nan_to_num(plain.astype(np.float32), posinf=0.0, neginf=0.0)
-        if self._full is None or (not self._told and np.count_nonzero(values > self._full) > SATURATED * values.size):
-            peak = float(values.max(initial=0.0))
-            self._full = next((s for s in _FULL_SCALES["f" if plain.dtype.kind == "f" else "u"] if s >= peak), peak)
-        scaled: NDArray[np.uint8] = np.clip(values * (255.0 / self._full) + 0.5, 0.0, 255.0).astype(np.uint8)
-        return scaled
+def count_images(data: bytes, name: str) -> int:
+    """How many images of its own a file holds.
+
+    Raises:
+        SourceError, InputError: above the limit of size, or of a format for which an extra is needed.
+    """
+    if not format_for_pillow(data):
+        return len(pages_of(data))
+    picture = _open_picture(data, name)
+    try:
+        return int(getattr(picture, "n_frames", 1)) - bool(picture.info.get("default_image"))
+    except Exception:  # whatever a decoder raises
+        raise SourceError(f"{name} cannot be read: it is damaged", name=name) from None
+
+
+def _turned(image: Image, orientation: int) -> Image:
+    """An image as it is to be seen, by the numbers of EXIF."""
+    image = image.swapaxes(0, 1) if 5 <= orientation <= 8 else image
+    down, across = orientation in (3, 4, 7, 8), orientation in (2, 3, 6, 7)
+    return np.ascontiguousarray(image[:: -1 if down else 1, :: -1 if across else 1])
 
 
 class ImageSource(Source):
@@ -190,40 +257,42 @@ class ImageSource(Source):
 
 
 class PagesSource(Source):
-    """The images of one TIFF, in order.
+    """The images of one file, in order: a TIFF of several pages, a WebP or PNG that moves, a HEIC or AVIF of several images.
 
     Args:
         path: of the file.
-        pages: their indices, as `pages_of` gives them.
-        size: width and height in px, which all of them have.
+        count: as `count_images` has it.
         fps: as for every source.
     """
 
     kind = "stack"
 
-    def __init__(
-        self, path: Path, pages: Sequence[int], size: tuple[int, int] | None, fps: float | None = None
-    ) -> None:
+    def __init__(self, path: Path, count: int, fps: float | None = None) -> None:
         super().__init__(str(path), fps)
         self.exact = True
-        if size is not None:
-            check_size(*size, f'image "{path}"')
-        self._path, self._pages, self.count = path, tuple(pages), len(pages)
+        self._path, self.count = path, count
         self.files = (path,)
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
-        to_eight = EightBits()
-        for k, page in enumerate(self._pages):
-            name = f"page {page} of {self._path.name}"
+        data, to_eight = read_file(self._path), EightBits()
+        pages = self._tiff_pages(data) if data[:4] in TIFF else _pictures_in(data, f'"{self._path}"')
+        for k, (image, time) in enumerate(pages):
+            yield UNREAD if 0 < k < self.first else to_eight(image), time, f"image {k} of {self._path.name}"
+
+    def _tiff_pages(self, data: bytes) -> Generator[tuple[Image, None], None, None]:
+        if (size := image_size_in_header(data)) is not None:
+            check_size(*size, f'image "{self._path}"')
+        for k, page in enumerate(pages_of(data)):
             if 0 < k < self.first:
-                yield UNREAD, None, name
+                yield UNREAD, None
                 continue
             found: Sequence[Image] = ()
             with contextlib.suppress(cv2.error, MemoryError):
                 found = cv2.imreadmulti(str(self._path), page, 1, flags=cv2.IMREAD_UNCHANGED)[1]
-            if not found:
-                raise SourceError(f'"{self._path}": {name} cannot be read', path=str(self._path), page=page)
-            yield to_eight(found[0]), None, name
+            image = _tiff_page(found[0] if found else None, data, page)
+            if image is None:
+                raise SourceError(f'"{self._path}": page {page} cannot be read', path=str(self._path), page=page)
+            yield image, None
 
 
 def read_all(paths: Iterable[Path], first: int = 0) -> Generator[tuple[Image, float | None, str], None, None]:
@@ -231,120 +300,6 @@ def read_all(paths: Iterable[Path], first: int = 0) -> Generator[tuple[Image, fl
     to_eight = EightBits()
     for k, path in enumerate(paths):
         yield UNREAD if 0 < k < first else to_eight(read_image(path)), None, path.name
-
-
-# --- sizes by headers ------------------------------------------------------------------------------
-
-_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-"""Markers of JPEG that begin a frame and tell its size."""
-_PORTABLE = re.compile(rb"P[1-6fF](?:\s|#[^\n\r]*[\n\r])+(\d{1,9})(?:\s|#[^\n\r]*[\n\r])+(\d{1,9})\s")
-_TIFF, _MOST_PAGES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), 100_000
-_TIFF_TYPES = {1: "B", 3: "H", 4: "I", 16: "Q"}
-
-
-def image_size_in_header(data: bytes) -> tuple[int, int] | None:
-    """Width and height in px that a file claims; None where it is of another format, or has no whole header."""
-    try:
-        if data.startswith(b"\x89PNG"):
-            return _read_pair(">II", data, 16)
-        if data.startswith(b"\xff\xd8"):
-            return _jpeg_size(data)
-        if data.startswith(b"BM"):
-            return _bmp_size(data)
-        if data[:4] in _TIFF:
-            return _tiff_size(data)
-        if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
-            return _webp_size(data)
-        found = _PORTABLE.match(data)
-        return (int(found[1]), int(found[2])) if found else None
-    except (struct.error, IndexError):
-        return None
-
-
-def _read_pair(layout: str, data: bytes, at: int) -> tuple[int, int]:
-    first, second = struct.unpack_from(layout, data, at)
-    return abs(int(first)), abs(int(second))  # a BMP's height is negative where its first row is the upper one
-
-
-def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    at = 2
-    while at + 9 <= len(data):
-        if data[at] != 0xFF:  # a decoder looks for the next marker as well
-            at += 1
-            continue
-        marker = data[at + 1]
-        if marker in _JPEG_FRAMES:
-            height, width = _read_pair(">HH", data, at + 5)
-            return width, height
-        if marker in (0xFF, 0x00, 0x01) or 0xD0 <= marker <= 0xD8:
-            at += 1 if marker == 0xFF else 2
-            continue
-        if marker in (0xD9, 0xDA):
-            return None
-        at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
-    return None
-
-
-def _bmp_size(data: bytes) -> tuple[int, int]:
-    head = int.from_bytes(data[14:18], "little")
-    return _read_pair("<HH", data, 18) if head == 12 else _read_pair("<ii", data, 18)
-
-
-def _tiff_size(data: bytes) -> tuple[int, int] | None:
-    """The first directory's; of BigTIFF too."""
-    first = next(_tiff_directories(data), None)
-    return None if first is None else first.size
-
-
-class _TiffDirectory(NamedTuple):
-    """Width and height in px, None where they are not told, and whether it is a smaller copy of another one."""
-
-    size: tuple[int, int] | None
-    is_reduced: bool
-
-
-def _tiff_directories(data: bytes) -> Iterator[_TiffDirectory]:
-    order = "<" if data[:1] == b"I" else ">"
-    big = data[2:4] in (b"+\0", b"\0+")
-    (at,) = struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)
-    seen: set[int] = set()
-    while at and at not in seen and len(seen) < _MOST_PAGES:
-        seen.add(at)
-        (count,) = struct.unpack_from(order + ("Q" if big else "H"), data, at)
-        at += 8 if big else 2
-        told = {254: 0}
-        for entry in range(min(count, 4096)):
-            place = at + entry * (20 if big else 12)
-            tag, kind = struct.unpack_from(order + "HH", data, place)
-            if tag in (254, 256, 257) and kind in _TIFF_TYPES:
-                (told[tag],) = struct.unpack_from(order + _TIFF_TYPES[kind], data, place + (12 if big else 8))
-        yield _TiffDirectory((told[256], told[257]) if len(told) == 3 else None, bool(told[254] & 1))
-        (at,) = struct.unpack_from(order + ("Q" if big else "I"), data, at + count * (20 if big else 12))
-
-
-def pages_of(data: bytes) -> list[int]:
-    """Indices of the pages of a TIFF that are images of their own, as large as the first; of another format one."""
-    if data[:4] not in _TIFF:
-        return [0]
-    pages: list[_TiffDirectory] = []
-    with contextlib.suppress(struct.error):  # the last directory may be cut off
-        pages.extend(_tiff_directories(data))
-    return [k for k, page in enumerate(pages) if not page.is_reduced and page.size == pages[0].size] or [0]
-
-
-def _webp_size(data: bytes) -> tuple[int, int] | None:
-    if len(data) < 30:
-        return None
-    kind = data[12:16]
-    if kind == b"VP8X":
-        return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
-    if kind == b"VP8L":
-        bits = int.from_bytes(data[21:25], "little")
-        return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
-    if kind == b"VP8 ":
-        width, height = _read_pair("<HH", data, 26)
-        return width & 0x3FFF, height & 0x3FFF
-    return None
 
 
 # --- images as files -------------------------------------------------------------------------------

@@ -115,7 +115,7 @@ def _ranked_entry(grasp: RankedGrasp, rank: int, px_per_mm: float | None) -> dic
 
 
 def inspection_to_dict(
-    found: Suitability, name: str, shape: tuple[int, ...], options: Mapping[str, Any]
+    found: Suitability, name: str, shape: tuple[int, ...], options: Mapping[str, Any], files: Sequence[str] = ()
 ) -> dict[str, Any]:
     """How well an object can be tracked, as plain values to six digits.
 
@@ -124,6 +124,7 @@ def inspection_to_dict(
         name: the image's, as the user gave it.
         shape: height and width of the image.
         options: what was asked for.
+        files: names of those that are written.
     """
     run, symmetry, settled = found.prediction, found.symmetry, found.settled
     evidence = (
@@ -142,6 +143,8 @@ def inspection_to_dict(
         "error_interval_px": found.error_interval,
         "drawn": None if run is None else run.drawn._asdict(),
         "object": found.looks._asdict(),
+        "object_sure": found.object_sure,
+        "object_probability": found.object_probability,
         "motions": [motion._asdict() for motion in found.motions.motions],
         "models": {
             key: {"observable": m.observable, "weakest": m.weakest, "least": m.least}
@@ -158,7 +161,7 @@ def inspection_to_dict(
         "outline": [contour.points for contour in found.view.contours],
     }
     head = {"format": INSPECTION_FORMAT, "image": _image_entry(name, shape), "options": dict(options)}
-    return {**head, "versions": software_versions(), **plain_value(measured, digits=6)}
+    return {**head, "versions": software_versions(), "files": files, **plain_value(measured, digits=6)}
 
 
 def _held_entry(grasp: Held) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import SourceError
+from grasptrack.images import part_instances
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.images import images_in, images_matching, is_image_file, read_image
 
@@ -72,7 +73,7 @@ class Masks:
             raise SourceError(
                 f'masks "{self.spec}": none for frame {frame.index}; there are {len(self._paths)}', frame=frame.index
             )
-        found = read_mask(path)
+        found = read_mask(path, parted=True)
         if found.shape != frame.image.shape[:2]:
             raise SourceError(
                 f'mask "{path.name}" is {found.shape[1]}x{found.shape[0]} px, but frame {frame.index} is '
@@ -100,19 +101,28 @@ def open_masks(spec: str | os.PathLike[str], source: Source | None = None) -> Ma
     raise SourceError(f'masks "{text}": no such folder of images', path=text)
 
 
-def read_mask(path: str | os.PathLike[str]) -> Mask:
+def read_mask(path: str | os.PathLike[str], *, parted: bool = False) -> Mask:
     """(H, W) uint8 from a mask file: 255 where it is not black and not transparent, else 0.
 
     A JPEG's blacks are not quite black: there, the brighter half of the scale counts.
+
+    Args:
+        path: of the file.
+        parted: instances that touch, each of a value or a colour of its own, are kept apart (`images.part_instances`).
 
     Raises:
         SourceError: missing or unreadable.
     """
     file = Path(path)
     image = read_image(file)
-    least = 127 if file.suffix.lower() in (".jpg", ".jpeg") else 0
+    blurred = file.suffix.lower() in (".jpg", ".jpeg")
     planes = image[:, :, None] if image.ndim == 2 else image
-    shown = np.any(planes[:, :, :3] > least, axis=2)
+    shown = np.any(planes[:, :, :3] > (127 if blurred else 0), axis=2)
     if planes.shape[2] == 4:
         shown = shown & (planes[:, :, 3] > 0)
-    return np.where(shown, np.uint8(255), np.uint8(0))
+    if not parted or blurred:
+        return np.where(shown, np.uint8(255), np.uint8(0))
+    labels = planes[:, :, 0].astype(np.float64)
+    for k in range(1, min(planes.shape[2], 3)):
+        labels = labels * 65536.0 + planes[:, :, k]
+    return part_instances(np.where(shown, labels, 0.0))

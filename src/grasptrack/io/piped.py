@@ -9,7 +9,8 @@ from typing import Any, BinaryIO
 
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image, Source
-from grasptrack.io.images import EightBits, decode_image
+from grasptrack.io.images import decode_image
+from grasptrack.io.pixels import EightBits
 from grasptrack.io.video import UprightImages, check_stream, decode_frames, open_media, warn_of_aspect
 
 NAME = "the standard input"
@@ -38,6 +39,11 @@ class PipedSource(Source):
     def _video_frames(self, reader: _Reader) -> Generator[tuple[Image, float | None, str], None, None]:
         import av
 
+        if _has_index_behind(reader):
+            raise SourceError(
+                f"{NAME} is an MP4 whose index (moov) comes last, which no pipe can reach: give the file itself, or put the "
+                "index in front: ffmpeg -i IN -c copy -movflags +faststart OUT"
+            )
         try:
             container: Any = open_media(reader)
         except (av.FFmpegError, OSError, ValueError):
@@ -99,6 +105,15 @@ class _Reader:
             before = len(self._held)
             if before > _MOST or len(self.peek(before + 1)) == before:
                 return -1
+
+
+def _has_index_behind(reader: _Reader) -> bool:
+    """Whether it is an MP4 or MOV whose images come before what tells where they are."""
+    at, kind = 0, b""
+    while at < _PIECE and kind in (b"", b"ftyp", b"wide", b"free", b"skip"):
+        head = reader.peek(at + 8)[at:]
+        kind, at = head[4:] or b"end", at + max(8, int.from_bytes(head[:4], "big"))
+    return kind == b"mdat"
 
 
 def _piped_images(reader: _Reader) -> Generator[tuple[Image, float | None, str], None, None]:

@@ -197,3 +197,48 @@ def to_image(raw: NDArray[Any], form: PixelFormat) -> NDArray[np.uint8]:
         "BGGR": cv2.COLOR_BayerRG2BGR,
     }
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(image), codes[form.order]), dtype=np.uint8)
+
+
+# --- images of files, whose depth nothing tells ----------------------------------------------------
+
+_FULL_SCALES = {"u": (1023.0, 4095.0, 16383.0, 65535.0), "f": (1.0, 255.0, 1023.0, 4095.0, 16383.0, 65535.0)}
+SATURATED = 0.05
+"""Share of an image's values from which on the first image's scale is not that of the sequence: no glint takes as much."""
+
+
+class EightBits:
+    """Images of any depth as uint8, grey (H, W) or BGR (H, W, 3).
+
+    8-bit values stay as they are. Deeper images are scaled by one factor for the whole sequence, that of the smallest usual
+    full scale (1 for fractions, else 255 for float images, 10, 12, 14 or 16 bits) that holds the first image's largest value,
+    so that a dark 12-bit recording is not left with a dozen grey levels; what is brighter later on saturates, as in a camera.
+    Only where much of an image would, as after a first one that was nearly black, the scale rises. What is transparent shows
+    black.
+
+    Args:
+        full: value of deeper images that becomes 255; None takes the one that suits the first of them.
+    """
+
+    def __init__(self, full: float | None = None) -> None:
+        self._full, self._told = full, full is not None
+
+    def __call__(self, image: NDArray[Any]) -> NDArray[np.uint8]:
+        """The image in 8 bits, (H, W) or (H, W, 3)."""
+        plain = image
+        if image.ndim == 3 and image.shape[2] == 4:
+            opaque = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1.0
+            plain = image[:, :, :3]
+            if image[:, :, 3].min() < opaque and image[:, :, 3].any():  # where all is transparent, alpha is not meant
+                plain = (plain * (image[:, :, 3:] / opaque)).astype(image.dtype)
+        if plain.dtype == np.uint8:
+            return np.ascontiguousarray(plain, dtype=np.uint8)
+        if plain.dtype == np.bool_:
+            return plain.astype(np.uint8) * np.uint8(255)
+        values = np.nan_to_num(plain.astype(np.float32), posinf=0.0, neginf=0.0)
+        if self._full is None or (not self._told and np.count_nonzero(values > self._full) > SATURATED * values.size):
+            peak = float(values.max(initial=0.0))
+            scales = _FULL_SCALES["f" if plain.dtype.kind == "f" else "u"]
+            self._full = next((s for s in scales if s >= peak), peak)
+        with np.errstate(over="ignore"):
+            scaled: NDArray[np.uint8] = np.clip(values * (255.0 / self._full) + 0.5, 0.0, 255.0).astype(np.uint8)
+        return scaled

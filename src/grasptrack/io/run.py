@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from grasptrack.documents import write_json
 from grasptrack.errors import InputError
-from grasptrack.files import hold_folder, keep_inputs, prepare_folder
+from grasptrack.files import hold_folder, keep_inputs, prepare_folder, written_before
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.columns import UNITS
 from grasptrack.io.results import GraspsCsv, RunSummary, Tally, software_versions
@@ -122,10 +122,12 @@ def prepare_output(output: Path) -> None:
     """Make the folder of a run and remove an earlier run's files from it.
 
     Raises:
-        InputError: it cannot be made, or not be written to.
+        InputError: it cannot be made, or not be written to, or holds a file of such a name that no run wrote.
     """
+    keep_inputs((output / name for name in FILES), ())
     prepare_folder(output)
-    for name in FILES:
+    pictures = {"candidates.png"} & written_before(output)
+    for name in (*pictures, *sorted(FILES, key="run.json".__eq__)):  # that last: it says whose the others are
         try:
             (output / name).unlink(missing_ok=True)
         except OSError as error:
@@ -155,6 +157,8 @@ class Run:
             "source": {"name": source.spec, "kind": source.kind, "frames": source.count, "fps": source.fps},
             "units": UNITS,
         }
+        # A run that is killed leaves this; one that ends writes over it.
+        write_json(output / "run.json", {"ended": "running", **self._head, "files": FILES})
         self._start = time.perf_counter()
         self._tally = Tally()
         self._last: View | None = None
@@ -165,8 +169,6 @@ class Run:
             from grasptrack.io.video import VideoWriter
 
             self._video = VideoWriter(output / "overlay.mp4", source.fps)
-        # A run that is killed leaves this; one that ends writes over it.
-        write_json(output / "run.json", {"ended": "running", **self._head})
 
     def write_frame(self, frame: Frame, result: TrackResult) -> None:
         """Write one frame's row and picture."""
@@ -218,6 +220,7 @@ class Run:
             **{k: v for k, v in said.items() if v},
             **self._head,
             **summary.figures(),
+            "files": [name for name in FILES if name in files or (name == "summary.png" and summary.frames)],
             **more,
         }
         writers: tuple[Callable[[], None], ...] = (

@@ -11,20 +11,20 @@ from grasptrack.errors import SourceError
 from grasptrack.io.bags.source import is_bag, open_bag
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.cameras.v4l import open_webcam
+from grasptrack.io.headers import format_for_pillow
 from grasptrack.io.images import (
     ImageSource,
     PagesSource,
-    image_size_in_header,
+    count_images,
     images_in,
     images_matching,
     is_image_file,
-    pages_of,
     read_file,
 )
 from grasptrack.io.piped import open_piped
 from grasptrack.io.streams import SCHEMES, open_stream
 from grasptrack.io.video import VideoSource
-from grasptrack.plugins import load_plugin, plugin_names
+from grasptrack.plugins import is_installed, load_plugin, plugin_names
 
 __all__ = ["Frame", "Source", "open_source"]
 
@@ -40,9 +40,9 @@ def open_source(
 ) -> Source:
     """Frames of a folder, a glob, a video file, one image, a camera, a stream or a recording, whichever the name says.
 
-    Folders and globs are read in natural order of names (jpg, png, tif, bmp, pgm; other files are passed over) and have
-    no times unless `fps` gives them. Deeper images come scaled to 8 bits by one factor for the sequence
-    (`grasptrack.io.images`), transparent parts black; grey stays (H, W), colour is BGR (H, W, 3).
+    Folders and globs are read in natural order of names (other files than `images.SUFFIXES` are passed over) and have no
+    times unless `fps` gives them. Deeper images come scaled to 8 bits by one factor for the sequence
+    (`grasptrack.io.pixels.EightBits`), transparent parts black; grey stays (H, W), colour is BGR (H, W, 3).
 
     Args:
         spec: a path, a pattern with ``*``, ``?`` or ``[]``; ``camera:0``, ``/dev/video0``, ``pylon:SERIAL``,
@@ -101,8 +101,10 @@ def open_source(
 def _open_file(text: str, path: Path, fps: float | None) -> Source:
     if not is_image_file(path):
         return VideoSource(path, fps)
-    if path.suffix.lower() in (".tif", ".tiff"):
-        data = read_file(path)
-        if len(pages := pages_of(data)) > 1:
-            return PagesSource(path, pages, image_size_in_header(data), fps)
+    data = read_file(path)
+    kind = format_for_pillow(data)
+    if kind == "HEIF" and not is_installed("pillow_heif"):
+        return VideoSource(path, fps)  # FFmpeg reads those that have no tiles
+    if (count := count_images(data, f'image "{path}"')) > 1:
+        return VideoSource(path, fps) if kind == "GIF" else PagesSource(path, count, fps)
     return ImageSource(text, [path], "image", fps)

@@ -16,16 +16,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.errors import InputError, SourceError
+from grasptrack.errors import InputError, SourceError, install_hint
 from grasptrack.io.base import UNREAD, Image, Source
-from grasptrack.io.images import EightBits
 from grasptrack.io.limits import check_size, max_megapixels
+from grasptrack.io.pixels import EightBits
 
 _TEXT_ART = frozenset({"ansi", "bintext", "xbin", "idf"})
 """Decoders with which FFmpeg draws any text file as a video of letters."""
 
 _STILLS = frozenset({"heic", "heix", "heim", "heis", "mif1", "avif"})
 """Brands of files that hold an image, in tiles where it is large."""
+
+_DEEP, _WITH_ALPHA = re.compile("(rgb|bgr)48|gbrp16"), re.compile("yuva|rgba|argb|bgra|abgr|gbrap|ya8|ya16|pal8")
+"""Formats of pixels."""
 
 _UNREADABLE = re.compile("[\ufffd\udc80-\udcff]")
 """What stands for bytes that are not UTF-8, before PyAV 19 and from it on."""
@@ -90,6 +93,9 @@ class VideoSource(Source):
         if broken:
             told = ", ".join(broken).encode("ascii", "replace").decode()
             warnings.warn(f'video "{self._path}": its {told} is not in UTF-8, and is not read', stacklevel=3)
+        if container.streams.video[0].metadata.get("alpha_mode") == "1":  # of VP8 and VP9, beside the images
+            told = "what is transparent in it is not read, and shows the colours beneath"
+            warnings.warn(f'video "{self._path}": {told}', stacklevel=3)
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
         import av
@@ -137,7 +143,7 @@ def check_stream(container: Any, name: str) -> None:
     tiles = len(container.streams.video)
     if tiles > 1 and container.metadata.get("major_brand", "").strip() in _STILLS:
         raise SourceError(
-            f"{name} is a HEIF image of {tiles} tiles, which are not put together: save it as JPEG or PNG"
+            f"{name} is a HEIF image of {tiles} tiles, which FFmpeg does not put together: {install_hint('heif')}"
         )
     codec = container.streams.video[0].codec_context if tiles else None
     if codec is None or codec.name in _TEXT_ART:
@@ -184,7 +190,8 @@ def decode_frames(container: Any) -> Iterator[Any]:
 class UprightImages:
     """Pictures as they are to be seen: turned and mirrored as the header asks, with square pixels, in 8 bits.
 
-    Grey of 16 bits, which do not tell how many are used, has one scale for all of a video, see `EightBits`.
+    Values of 16 bits, which do not tell how many are used, have one scale for all of a video, and what is transparent is
+    black, see `EightBits`.
 
     Args:
         stream: PyAV's, of whose pixels the aspect is told; None where there is none.
@@ -199,6 +206,10 @@ class UprightImages:
         name = frame.format.name
         if name.startswith("gray16"):
             image: Image = self._to_eight(frame.to_ndarray(format=name))
+        elif _DEEP.match(name):
+            image = self._to_eight(frame.to_ndarray(format="bgr48le"))
+        elif _WITH_ALPHA.match(name):
+            image = self._to_eight(frame.to_ndarray(format="bgra"))
         else:
             image = frame.to_ndarray(format="gray" if name.startswith(("gray", "mono")) else "bgr24")
         height, width = image.shape[:2]

@@ -235,6 +235,8 @@ def _assess_view(first: InspectedView, asked: _Inspection) -> Suitability:
         view=view,
         edges=edges,
         candidates=tuple(first.candidates),
+        object_sure=first.is_sure,
+        object_probability=first.candidate.probability,
     )
 
 

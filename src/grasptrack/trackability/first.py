@@ -34,6 +34,7 @@ class InspectedView(NamedTuple):
         carrier: takes it to later images; None without a grasp that the strategy can carry.
         reason: why there is none that it can; else empty.
         candidates: up to three objects that the image may mean, the likeliest first.
+        is_sure: the choice among them is, or a person has chosen.
     """
 
     candidate: Candidate
@@ -45,6 +46,7 @@ class InspectedView(NamedTuple):
     carrier: Carrier | None
     reason: str
     candidates: list[Candidate]
+    is_sure: bool
 
     @property
     def ignore_mask(self) -> Grey | None:
@@ -104,5 +106,7 @@ def _view_of(scene: FirstScene, observer: OutlineDetector) -> InspectedView:
         start = start._replace(grasp=chosen.grasps[0] if chosen.grasps else None)
         reason = f"no grasp that {wish.strategy} can carry: {start.refusal}" if start.refusal else reason
     reason = "" if start.carrier else reason
-    candidates = distinct_candidates(chosen.found)
-    return InspectedView(candidate, colours, observer, grey, others, start.grasp, start.carrier, reason, candidates)
+    candidates, sure = distinct_candidates(chosen.found), masked or wish.is_sure_of(candidate)
+    return InspectedView(
+        candidate, colours, observer, grey, others, start.grasp, start.carrier, reason, candidates, sure
+    )

@@ -108,6 +108,11 @@ class Held(NamedTuple):
     limit: float
     tolerance: float
 
+    @property
+    def margin_deg(self) -> float:
+        """The margin in degrees."""
+        return math.degrees(self.margin)
+
 
 @compared_by_value
 @dataclass(frozen=True, eq=False)
@@ -131,6 +136,7 @@ class Suitability:
         view: the outline.
         edges: along it.
         candidates: up to three objects that the image may mean, the likeliest first.
+        object_sure, object_probability: of the choice, as in `TrackResult`.
     """
 
     level: Level
@@ -150,6 +156,8 @@ class Suitability:
     view: View
     edges: Edges
     candidates: tuple[Candidate, ...] = ()
+    object_sure: bool = True
+    object_probability: float = math.nan
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""

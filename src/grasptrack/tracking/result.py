@@ -64,6 +64,8 @@ class TrackResult:
         object_sure: the choice of the object in the first view is sure, or a person took its outline, its contacts or a
             candidate; a pixel or a box says where it is, not which outline it has.
         object_probability: 0 to 1, of the outline that was chosen in the first view; NaN where no choice was made.
+        last_seen: (k,) index of the last update in which each contact was seen itself, by the outline under the finger or the
+            surface beside it; None with the contacts.
         repeated: the image has the very pixels of the one before: a camera that hangs gives its last image again, and such an
             answer is no news of the scene.
     """
@@ -99,6 +101,7 @@ class TrackResult:
     edge: float = math.nan
     surface: float = math.nan
     repeated: bool = False
+    last_seen: NDArray[np.int64] | None = None
 
     def __repr__(self) -> str:
         """One line: the frame, what it says, and where the contacts are."""
@@ -127,6 +130,31 @@ class TrackResult:
         from `result.located is True`.
         """
         return self.contacts is not None
+
+    @property
+    def margin_deg(self) -> float:
+        """The analysis's margin in degrees; NaN without contacts."""
+        return math.nan if self.analysis is None else self.analysis.margin_deg
+
+    @property
+    def margin_sd_deg(self) -> float:
+        """`margin_sd` in degrees."""
+        return math.degrees(self.margin_sd)
+
+    @property
+    def margin_image_deg(self) -> float:
+        """`margin_image` in degrees."""
+        return math.degrees(self.margin_image)
+
+    @property
+    def tilt_deg(self) -> float:
+        """`tilt` in degrees."""
+        return math.degrees(self.tilt)
+
+    @property
+    def tilt_sd_deg(self) -> float:
+        """`tilt_sd` in degrees."""
+        return math.degrees(self.tilt_sd)
 
 
 if TYPE_CHECKING:

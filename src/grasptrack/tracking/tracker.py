@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import threading
 import time as clock
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -53,6 +54,7 @@ class Track:
         ruler: tells how far it is; None where nobody said how long the object is, or it is cut off in the first view.
         mended: whether the outline is another than the first view's by now.
         false_edge: px by which a contact lies beside that outline, where it is too much; else 0.
+        last_seen: (k,) index of the last update in which each contact was seen itself.
     """
 
     number: int
@@ -62,6 +64,7 @@ class Track:
     ruler: Ruler | None = None
     mended: bool = False
     false_edge: float = 0.0
+    last_seen: NDArray[np.int64] | None = None
 
     def distance_in(self, homography: Floats, covariance: Floats) -> Distance:
         """Of the object in a view, of H_current_reference (3, 3) and the covariance (9, 9) of its entries."""
@@ -247,6 +250,7 @@ class GraspTracker:
         self._plane: Beforehand | None = None  # of another grasp: what the one before has told
         self._scene: FirstScene | None = None  # of the update before
         self._rows: NDArray[Any] | None = None  # of the image before
+        self._latest, self._told_of_time = -math.inf, False
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the lock, which has no copy, and the image of a choice that was made just now."""
@@ -292,6 +296,8 @@ class GraspTracker:
         self, image: NDArray[Any], time: float | None, mask: NDArray[Any] | None, started: float
     ) -> TrackResult:
         """The same, `started` at a time of the clock in s."""
+        if time is not None:
+            self._mind_time(time)
         mask = self._masks.segment(image) if mask is None and self._masks else mask
         grey, self._scene = self._prepare_image(image, mask), None
         repeated = self._is_repeated(np.asarray(image if mask is None else mask))
@@ -310,6 +316,17 @@ class GraspTracker:
         result = replace(result, object_sure=self.object_sure, object_probability=self._object_probability)
         result = replace(result, repeated=True) if repeated else result
         return result if self._lens is None else self._lens.result_seen(result)
+
+    def _mind_time(self, time: float) -> None:
+        """Say once that a time lies before that of an earlier update."""
+        if time < self._latest and not self._told_of_time:
+            self._told_of_time = True
+            warnings.warn(
+                f"update {self._frame + 1} was given the time {time:g} s, after one of {self._latest:g} s: until times go on, "
+                "images count as taken one frame after another (give every image the s at which it was taken, or no time)",
+                stacklevel=5,
+            )
+        self._latest = max(self._latest, time)
 
     def _is_repeated(self, image: NDArray[Any]) -> bool:
         """Whether the rows that are kept of the image before are the same in this one."""
@@ -339,7 +356,8 @@ class GraspTracker:
         self._grasps += 1
         grasp, follower = start.grasp, start.carrier.follower
         closure = _make_closure_check(grasp, candidate.view, self.friction)
-        self._track = track = Track(self._grasps, closure, start.carrier, follower, self._make_distance_ruler(follower))
+        ruler, seen = self._make_distance_ruler(follower), np.full(len(grasp), self._frame)
+        self._track = track = Track(self._grasps, closure, start.carrier, follower, ruler, last_seen=seen)
         return _located_result(
             moment,
             track,
@@ -553,8 +571,10 @@ def _located_result(
     plane, chance = track.follower.state.plane, judged.closure_probability
     tilt, distance = plane.tilt_in(H, C), track.distance_in(H, C)
     status, reason = _judged_status(judged, chance, plane.rectifications.told)
-    state = track.follower.state
-    if status == "tracked" and state.sightings.are_stale(found["contacts"], state.numbers):
+    state, contacts = track.follower.state, found["contacts"]
+    if track.last_seen is not None:
+        track.last_seen[state.sightings.since_s == 0.0] = moment.frame
+    if status == "tracked" and state.sightings.are_stale(contacts, state.numbers):
         reason = StatusReason("contact-unseen")
     elif status == "tracked" and state.shows_sides(tilt.angle):
         reason = reason or StatusReason("not-flat", {"thickness": state.thickness})
@@ -576,6 +596,7 @@ def _located_result(
         distance=distance.value,
         distance_sd=distance.sd,
         homography=H,
+        last_seen=None if track.last_seen is None else track.last_seen.copy(),
         **found,
     )
 

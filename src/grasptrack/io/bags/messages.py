@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image
-from grasptrack.io.images import EightBits, decode_image
+from grasptrack.io.images import decode_image
 from grasptrack.io.limits import check_size
-from grasptrack.io.pixels import PixelFormat, raw_image, ros_format, to_image
+from grasptrack.io.pixels import EightBits, PixelFormat, raw_image, ros_format, to_image
 
 _IMAGES = {
     ("sensor_msgs", "Image"): "raw",
