@@ -159,7 +159,8 @@ class Run:
         self.counts["clients"] += 1
         if self._rng.random() < 0.3:  # a page that is loaded and its files fetched
             for name in ("", "page/app.js", "files/run.json", "files/nothing"):
-                with suppress(urllib.error.HTTPError), urllib.request.urlopen(self.server.url + name) as answer:
+                url = self.server.url.replace("?", f"{name}?")
+                with suppress(urllib.error.HTTPError), urllib.request.urlopen(url) as answer:
                     answer.read()
         return subprocess.Popen(
             [sys.executable, "-c", CLIENT, self.server.url], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

@@ -308,10 +308,9 @@ def test_errors_are_one_line_on_the_page_and_a_broken_link_is_mended(tmp_path: P
             camera.images.put("the camera was unplugged")
             page.reads("#error", "the camera was unplugged")
             page.reads("#status", "Broken off")
-            port = server.port
             server.stop()
             page.reads("#link", "no connection")
-            server = PageServer(session, port=port)
+            server = PageServer(session, port=server.port, token=server.token)
             server.start()
             page.reads("#link", "live")
         server.stop()
