@@ -10,16 +10,24 @@ import sys
 _LINE_ENDS = re.compile(r"\s*[\r\n]\s*")
 
 
+def one_line(text: str) -> str:
+    """Text on one line in which a terminal finds no command: what is not to be seen, as in a file's name, becomes an escape."""
+    line = _LINE_ENDS.sub(" ", text)
+    if line.isprintable():
+        return line
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+
+
 class GraspTrackError(Exception):
     """Root of all errors of this package.
 
     Args:
-        message: one line that says what was wrong and what would be right; ends of lines, as in an array, become spaces.
+        message: that says what was wrong and what would be right; it becomes one line.
         **values: the values behind it, kept in `values` for programs that react to them.
     """
 
     def __init__(self, message: str, **values: object) -> None:
-        super().__init__(_LINE_ENDS.sub(" ", message))
+        super().__init__(one_line(message))
         self.values = values
 
 

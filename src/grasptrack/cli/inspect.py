@@ -96,7 +96,7 @@ def inspect(
     if json_ and not quiet:
         import json
 
-        typer.echo(json.dumps(content, ensure_ascii=False, indent=1))
+        typer.echo(json.dumps(content, indent=1))
     elif not quiet:
         _show_results(found, [*notes, *scene.notes, f"{data}, {page}"])
 

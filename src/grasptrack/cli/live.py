@@ -11,7 +11,7 @@ import typer
 
 from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.help_groups import PAGE, as_asked, option
-from grasptrack.cli.terminal import Interruption, show_run
+from grasptrack.cli.terminal import Interruption, show_run, tell_line
 from grasptrack.errors import InputError, install_hint
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def live(
         session.start()
         server.start()
         for url in server.urls:
-            typer.echo(f"{url}  (Ctrl-C ends)")
+            tell_line(f"{url}  (Ctrl-C ends)")
         begun = False
         try:
             while session.is_running and not (until_end and session.shown.phase in ("ended", "failed")):

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import glob
+import os
 import re
 import struct
 from collections.abc import Generator, Iterable, Iterator, Sequence
@@ -220,7 +221,8 @@ class PagesSource(Source):
                 continue
             found: Sequence[Image] = ()
             with contextlib.suppress(cv2.error, MemoryError):
-                found = cv2.imreadmulti(str(self._path), page, 1, flags=cv2.IMREAD_UNCHANGED)[1]
+                name_of: Any = os.fsencode(self._path)  # of a name that is no text OpenCV dies
+                found = cv2.imreadmulti(name_of, page, 1, flags=cv2.IMREAD_UNCHANGED)[1]
             if not found:
                 raise SourceError(f'"{self._path}": {name} cannot be read', path=str(self._path), page=page)
             yield to_eight(found[0]), None, name
