@@ -46,8 +46,9 @@ def write_text(file: Path, text: str, kind: str) -> None:
     try:
         with whole_file(file) as part:
             part.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f'{kind} "{file}" cannot be written: {error.strerror or error}', path=str(file)) from None
+    except (OSError, ValueError) as error:  # the name may be none
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f'{kind} "{file}" cannot be written: {why}', path=str(file)) from None
 
 
 def read_text(file: Path, kind: str, largest: int = LARGEST_BYTES) -> str:

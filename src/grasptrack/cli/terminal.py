@@ -96,24 +96,14 @@ def _leave_threads() -> None:
         _leave(_final[0])
 
 
-LONGEST = 300
-"""Characters of a line; of a longer one the middle is left out, for its ends say what it is about and what to do."""
-
-
-def fitted(text: str) -> str:
-    """Text as the terminal shows it: one line, and no control characters."""
-    line = one_line(text)
-    return line if len(line) <= LONGEST else f"{line[:180]} ... {line[-115:]}"
-
-
 def tell_error(message: str) -> None:
     """One line on stderr."""
-    print(fitted(f"grasptrack: {message.strip()}"), file=sys.stderr, flush=True)
+    print(one_line(f"grasptrack: {message.strip()}"), file=sys.stderr, flush=True)
 
 
 def tell_line(text: str) -> None:
     """One line on the standard output."""
-    print(fitted(text), flush=True)
+    print(one_line(text), flush=True)
 
 
 def _console() -> Any:
@@ -122,7 +112,7 @@ def _console() -> Any:
 
     class FittedConsole(Console):
         def render_str(self, text: str, **more: Any) -> Any:
-            return super().render_str(fitted(text), **more)
+            return super().render_str(one_line(text), **more)
 
     return FittedConsole(highlight=False)
 

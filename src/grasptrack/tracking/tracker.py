@@ -254,6 +254,8 @@ class GraspTracker:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy has a lock of its own."""
+        if not vars(GraspTracker()).keys() - {"_turn", "_scene"} <= state.keys():
+            raise InputError("this is no tracker of this version of grasptrack: track anew")
         self.__dict__.update(state, _turn=threading.Lock(), _scene=None)
 
     # --- Fig. 3 ----------------------------------------------------------------------------------
