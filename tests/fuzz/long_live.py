@@ -24,6 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[2]))
+
 from grasptrack.demo import demo_scene
 from grasptrack.live import commands as told
 from grasptrack.live.server import PageServer
