@@ -325,6 +325,15 @@ def test_what_a_file_is_called_reaches_no_terminal_as_a_command(
         assert "\x9b" not in path.read_text(encoding="utf-8") and json.loads(path.read_text(encoding="utf-8"))
 
 
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero here")
+@pytest.mark.parametrize("option", ["--ignore", "--background", "--camera", "--masks"])
+def test_what_has_no_end_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str) -> None:
+    image = plates(tmp_path / "in", 1) / "000.png"
+    assert main(["track", str(image), option, "/dev/zero", "--output", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "/dev/zero" in said and said.count("\n") == 1
+
+
 def test_a_message_is_one_line_that_fits(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["track", "nothing.png", "--strategy", "x" * 4000 + "\x1b\n"]) == 2
     said = capsys.readouterr().err

@@ -105,6 +105,8 @@ def read_file(path: Path) -> bytes:
         SourceError: it cannot be read.
     """
     try:
+        if path.is_char_device():  # it may have no end
+            raise SourceError(f'image "{path}" is a device, not a file', path=str(path))
         return path.read_bytes()
     except OSError as error:
         raise SourceError(f'image "{path}" cannot be read: {error.strerror}', path=str(path)) from None
