@@ -184,8 +184,10 @@ def test_a_hand_is_no_larger_than_anything_and_a_grasp_has_no_more_contacts_than
         with pytest.raises(InputError, match=f"{name} must be a length below"):
             gt.Hand(**{name: 1e300})
     for count in (9, 100):
-        with pytest.raises(GraspError, match="k from 2 to 8"):
-            gt.Grasp(VIEW.outer.points[:count])
+        grasp = gt.Grasp(VIEW.outer.points[:count])
+        for judge in (lambda g: gt.analyze(g, VIEW), lambda g: gt.GraspTracker(grasp=g.contacts)):
+            with pytest.raises(GraspError, match="at most 8 fingers"):
+                judge(grasp)
 
 
 def test_a_pickle_of_another_version_is_refused() -> None:

@@ -17,7 +17,7 @@ from grasptrack.presentation import to_dict
 from grasptrack.typing import Floats
 
 MOST_CONTACTS = 8
-"""No hand has more fingers; kernels take no more."""
+"""Of a grasp that is judged: no hand has more fingers, and kernels take no more."""
 
 
 @compared_by_value
@@ -25,11 +25,11 @@ class Grasp:
     """Contacts in one view, one for each finger, in an order that is kept.
 
     Args:
-        contacts: (k, 2) px, 2 <= k <= 8.
+        contacts: (k, 2) px, k >= 2.
         quality: a synthesiser's score, higher is better; NaN where nobody scored it.
 
     Raises:
-        GraspError: not (k, 2) with 2 <= k <= 8, or not finite.
+        GraspError: not (k, 2) with k >= 2, or not finite.
     """
 
     __slots__ = ("contacts", "quality")
@@ -37,10 +37,8 @@ class Grasp:
     @arguments.checked(contacts=arguments.array(unbounded=True), quality=arguments.number)
     def __init__(self, contacts: ArrayLike, quality: float = math.nan) -> None:
         pts = np.array(contacts, dtype=np.float64, order="C")
-        if pts.ndim != 2 or pts.shape[1:] != (2,) or not 2 <= len(pts) <= MOST_CONTACTS:
-            raise GraspError(
-                f"a grasp is an array of contacts of shape (k, 2) with k from 2 to {MOST_CONTACTS}, not {pts.shape}"
-            )
+        if pts.ndim != 2 or pts.shape[1:] != (2,) or len(pts) < 2:
+            raise GraspError(f"a grasp is an array of contacts of shape (k, 2) with k >= 2, not {pts.shape}")
         if not np.isfinite(pts).all():
             raise GraspError("a grasp's contacts must be finite", contacts=pts.tolist())
         self.contacts: Floats = pts
