@@ -19,6 +19,7 @@ import pytest
 
 from grasptrack.cli.advice import BackgroundVerdict
 from grasptrack.cli.main import main
+from grasptrack.files import hold_folder
 from grasptrack.io.columns import csv_columns
 from recordings import plate, plates, rows, write
 
@@ -332,6 +333,17 @@ def test_what_has_no_end_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert main(["track", str(image), option, "/dev/zero", "--output", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert "/dev/zero" in said and said.count("\n") == 1
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("verb", ["synthesize", "inspect", "transfer"])
+def test_two_runs_do_not_write_to_one_folder(tmp_path: Path, verb: str) -> None:
+    images = [str(path) for path in sorted(plates(tmp_path / "in", 2).iterdir())]
+    command = [verb, *images[: 1 + (verb == "transfer")], "--output", str(tmp_path / "out")]
+    with hold_folder(tmp_path / "out"):
+        done = subprocess.run([sys.executable, "-m", "grasptrack.cli.main", *command], capture_output=True, text=True)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "another run writes to" in done.stderr
+    assert main(command) == 0
 
 
 def test_a_message_is_one_line_that_fits(capsys: pytest.CaptureFixture[str]) -> None:
