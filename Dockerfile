@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# docker build -t grasptrack . && docker run --rm -p 8000:8000 --device /dev/video0 grasptrack live camera:0
-# The page prints its address with a token; without a command it says what there is.
+# docker build -t grasptrack . && docker run --rm -p 127.0.0.1:8321:8321 --device /dev/video0 grasptrack live camera:0 \
+#   --host 0.0.0.0 --name localhost
+# This prints the page's address with its token; without a command it says what there is.
 FROM python:3.12-slim AS build
 RUN apt-get update && apt-get install -y --no-install-recommends g++ && rm -rf /var/lib/apt/lists/*
 COPY . /source
@@ -12,6 +13,6 @@ RUN wheel=$(ls /wheels/*.whl) && pip install --no-cache-dir "$wheel[live,bags]" 
     && useradd --create-home --groups video user
 USER user
 WORKDIR /home/user
-EXPOSE 8000
+EXPOSE 8321
 ENTRYPOINT ["grasptrack"]
 CMD ["--help"]

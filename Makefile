@@ -44,7 +44,7 @@ fuzz: $(VENV)/.dev
 	$(BIN)/python -W ignore tests/fuzz/run.py --seconds $(SECONDS) --seed $(SEED)
 	$(BIN)/python -W ignore tests/fuzz/leaks.py --seed $(SEED)
 	$(BIN)/python -W ignore tests/fuzz/damaged_files.py --seconds $(SECONDS) --seed $(SEED)
-	$(BIN)/python -W ignore tests/fuzz/live_messages.py --seconds $(SECONDS) --seed $(SEED)
+	$(BIN)/python -W ignore tests/fuzz/live_messages.py --seconds $(SECONDS) --seed $(SEED) --connections 10000
 	$(BIN)/python tests/fuzz/interruptions.py --seconds $(SECONDS) --seed $(SEED)
 	$(BIN)/python -W ignore tests/fuzz/long_run.py --seed $(SEED)
 	$(BIN)/python -W ignore tests/fuzz/servo_calls.py --seed $(SEED)

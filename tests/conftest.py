@@ -37,7 +37,7 @@ VIEW, ADVICE = "grasptrack.view", "grasptrack.trackability"
 
 def sketch(path: Path, *_: object, **__: object) -> None:
     """A picture of nothing, in the place of one."""
-    cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 256, (40, 60, 3), dtype=np.uint8))
+    cv2.imwrite(os.fsencode(path), np.random.default_rng(0).integers(0, 256, (40, 60, 3), dtype=np.uint8))
 
 
 def one_run(scene: Any, check: Any = lambda: None) -> Any:

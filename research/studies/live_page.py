@@ -47,7 +47,7 @@ BROWSER = (
 CLIENT = """
 import json, struct, sys
 from websockets.sync.client import connect
-with connect(sys.argv[1].replace("http", "ws", 1) + "socket", max_size=None) as link:
+with connect(sys.argv[1].replace("http", "ws", 1).replace("/?", "/socket?"), max_size=None) as link:
     while True:
         data = link.recv()
         if isinstance(data, bytes):

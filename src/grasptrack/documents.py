@@ -20,6 +20,9 @@ DEEPEST = 64
 _NUMBERS = re.compile(r"\[\n\s+([-+.,eE\d\s]+?)\n\s+\]")
 """A point in indented JSON. No line ends within a string, so that nothing else can match."""
 
+_UNSEEN = re.compile("[\x7f-\xa0\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff]")
+"""What may be in a file's name, and no terminal or encoder should meet; JSON has escapes for it."""
+
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write strict JSON, a point on one line: what is not finite becomes null. The file is complete at any moment or absent.
@@ -29,6 +32,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """
     text = json.dumps(plain_value(content), indent=2, ensure_ascii=False, allow_nan=False)
     text = _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text)
+    text = _UNSEEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
     with whole_file(path) as part:
         part.write_text(text + "\n", encoding="utf-8")
 
@@ -42,8 +46,9 @@ def write_text(file: Path, text: str, kind: str) -> None:
     try:
         with whole_file(file) as part:
             part.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f'{kind} "{file}" cannot be written: {error.strerror or error}', path=str(file)) from None
+    except (OSError, ValueError) as error:  # the name may be none
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f'{kind} "{file}" cannot be written: {why}', path=str(file)) from None
 
 
 def read_text(file: Path, kind: str, largest: int = LARGEST_BYTES) -> str:

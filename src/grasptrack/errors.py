@@ -8,18 +8,29 @@ import shlex
 import sys
 
 _LINE_ENDS = re.compile(r"\s*[\r\n]\s*")
+LONGEST = 300
+"""Characters of a message."""
+
+
+def one_line(text: str) -> str:
+    """Text on one line that fits, in which a terminal finds no command: what is not to be seen, as in a file's name, becomes an
+    escape, and of what is too long the middle is left out, for its ends say what it is about and what to do."""
+    line = _LINE_ENDS.sub(" ", text)
+    if not line.isprintable():
+        line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+    return line if len(line) <= LONGEST else f"{line[:180]} ... {line[-115:]}"
 
 
 class GraspTrackError(Exception):
     """Root of all errors of this package.
 
     Args:
-        message: one line that says what was wrong and what would be right; ends of lines, as in an array, become spaces.
+        message: that says what was wrong and what would be right; it becomes one line.
         **values: the values behind it, kept in `values` for programs that react to them.
     """
 
     def __init__(self, message: str, **values: object) -> None:
-        super().__init__(_LINE_ENDS.sub(" ", message))
+        super().__init__(one_line(message))
         self.values = values
 
 

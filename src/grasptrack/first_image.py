@@ -204,6 +204,8 @@ class FirstImage:
             low, high = self.outline.min(axis=0), self.outline.max(axis=0)
             if high[0] < 0.0 or high[1] < 0.0 or low[0] > width - 1 or low[1] > height - 1:
                 raise InputError(f"the outline lies {whose}")
+            if min(low) < -(width + height) or max(high) > 2 * (width + height):
+                raise InputError(f"the outline reaches far {whose}")
         if self.ignore is not None:
             hidden = with_room(to_mask(self.ignore, (height, width), "ignore mask"))
         background = None if self.background is None else _sized(self.background, width, height)
@@ -215,7 +217,7 @@ def _parsed_points(given: ArrayLike | None, name: str) -> tuple[Point, ...]:
         return ()
     try:
         array = np.atleast_2d(np.asarray(given, dtype=np.float64))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.zeros((0, 0))
     if array.size == 0 and array.shape != (0, 0):
         return ()
@@ -227,7 +229,7 @@ def _parsed_points(given: ArrayLike | None, name: str) -> tuple[Point, ...]:
 def _parsed_box(given: Any) -> Box:
     try:
         left, top, wide, tall = (float(v) for v in given)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"a box is left, top, width and height in px, not {given!r}", given=repr(given)) from None
     if not (wide > 0.0 and tall > 0.0 and np.isfinite([left, top, wide, tall]).all()):
         raise InputError(f"a box has a width and a height above 0, not {wide:g} and {tall:g}", given=repr(given))
@@ -237,7 +239,7 @@ def _parsed_box(given: Any) -> Box:
 def _parsed_polygon(given: ArrayLike) -> Floats:
     try:
         points = np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         points = np.zeros((0, 0))
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3 or not np.isfinite(points).all():
         raise InputError("an outline is at least three corners (x, y) in px", shape=points.shape)

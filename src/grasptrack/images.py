@@ -17,6 +17,8 @@ Grey = NDArray[np.uint8]
 
 MIN_SIDE = 32
 """px; a smaller image cannot show a usable outline."""
+MOST_SLENDER = 500
+"""Of the longer side to the shorter: a small copy of a more slender image has no pixel across."""
 
 DEEPEST = 1 << 12
 """What values of 10 and 12 bits are below."""
@@ -93,6 +95,11 @@ def _check_image(image: NDArray[Any]) -> NDArray[np.uint8]:
     if min(array.shape[:2]) < MIN_SIDE:
         raise SourceError(
             f"the image is {array.shape[1]}x{array.shape[0]} px; at least {MIN_SIDE}x{MIN_SIDE} are needed",
+            shape=array.shape,
+        )
+    if max(array.shape[:2]) > MOST_SLENDER * min(array.shape[:2]):
+        raise SourceError(
+            f"the image is {array.shape[1]}x{array.shape[0]} px; no side may be more than {MOST_SLENDER} times the other",
             shape=array.shape,
         )
     if array.dtype == np.uint16:

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs of the command line, interrupted at random moments by Ctrl-C, SIGTERM, SIGHUP and kill -9.
+"""Runs of the command line, interrupted at random moments by Ctrl-C, SIGTERM, SIGHUP and kill -9, on a disk that gets full, and
+two in one folder.
 
     python tests/fuzz/interruptions.py --count 500 --seed 1
 
-Whatever strikes, every file that is there can be read, all but the last end in one line and status 130, and no process is
-left over. Evaluations and trials are interrupted in one folder until they are finished; they must then hold what
-a run without interruption holds. The same seed interrupts alike, but for what the machine does meanwhile.
+Whatever strikes, every file that is there can be read, all but the last end in one line and status 130 (`live`, which Ctrl-C
+ends in good order, in none and 0), and no process is left over. Evaluations and trials are interrupted in one folder until
+they are finished; they must then hold what a run without interruption holds. The same seed interrupts alike, but for what
+the machine does meanwhile.
 """
 
 import csv
@@ -13,6 +15,7 @@ import itertools
 import json
 import os
 import random
+import resource
 import shutil
 import signal
 import subprocess
@@ -22,7 +25,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -37,6 +40,8 @@ FRAMES = 60
 PATIENCE = 30.0
 """Seconds within which a run ends that was told to, and its workers after it."""
 INTERRUPTED = 130
+CROWDED, FULL = 0.08, 0.08
+"""Shares of the cases that are two runs in one folder, and a full disk."""
 
 
 class Verb(NamedTuple):
@@ -106,6 +111,12 @@ def recorded(folder: Path) -> str:
     return "" if whole else f"the recording of a run that is {ended} has {count} images for {rows} rows"
 
 
+def ended(folder: Path) -> str:
+    """How a run ended, as it tells itself."""
+    path = folder / "run.json"
+    return str(json.loads(path.read_text()).get("ended", "")) if path.exists() else ""
+
+
 def images_in(path: Path) -> int:
     """Images of a recording, as far as it can be read; none where it was killed before its first."""
     try:
@@ -115,9 +126,11 @@ def images_in(path: Path) -> int:
         return 0
 
 
+LIVE = ("live", "{images}", "--start", "--until-end", "--port", "0")
 EVALUATE = "evaluate scenes --methods auto --shapes bracket --frames 8 --seed 3 --workers 1 --disturbances"
 VERBS = {
     "track": Verb(("track", "{images}", "--record", "{images}.mcap"), recorded, says="frames; what was computed is in"),
+    "live": Verb(LIVE, readable("grasps.csv", "run.json", "summary.png")),
     "inspect": Verb(("inspect", "{images}/000.png", "--runs", "2"), readable("inspect.*", "candidates.png")),
     "servo": Verb(
         ("servo", "--shape", "rectangle", "--seed", "1", "--images", "planar", "--no-video"),
@@ -211,6 +224,9 @@ class Harness:
         wrong = self._complaint(name, out, status, how, said) or self._left_over(process.pid)
         if wrong:
             return f"bad: {wrong}"
+        if status == 0 and ended(out) == "interrupted":
+            self.told.add(name)
+            return "interrupted"
         if status == 0:
             if verb.results is not None and verb.results(out) != self._whole[name]:
                 return "bad: other results than without interruption"
@@ -219,6 +235,41 @@ class Harness:
         if status == -signal.SIGKILL:
             return "killed"
         return "interrupted" if status == INTERRUPTED else "before it began"
+
+    def fill(self, name: str, most: int) -> str:
+        """A run that can write so many bytes into each of its files; how that ended."""
+        out, verb = self._folder / name, VERBS[name]
+        shutil.rmtree(out, ignore_errors=True)
+        done = subprocess.run(
+            self._command(name, out),
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE + 10 * self._seconds[name],
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)),
+        )
+        told = done.stderr.count("\n") == 1 and "cannot be written" in done.stderr
+        wrong = verb.check(out)
+        shutil.rmtree(out, ignore_errors=True)
+        if wrong or not (told if done.returncode == 2 else done.returncode == 0 and not done.stderr):
+            return f"bad: status {done.returncode} with {most} bytes a file: {wrong or done.stderr[:300]!r}"
+        return "no room" if done.returncode else "finished"
+
+    def crowd(self, name: str, share: float) -> str:
+        """A run into whose folder another one comes after a share of its time; how the other one ended."""
+        out, verb = self._folder / name, VERBS[name]
+        shutil.rmtree(out, ignore_errors=True)
+        command: Any = {"args": self._command(name, out), "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+        with subprocess.Popen(**command, text=True) as first:
+            time.sleep(share * self._seconds[name])
+            other = subprocess.run(**command, text=True, timeout=PATIENCE + 10 * self._seconds[name])
+            said = first.communicate(timeout=PATIENCE + 10 * self._seconds[name])[1]
+        refused = [text.count("\n") == 1 and "another run writes to" in text for text in (said, other.stderr)]
+        wrong = verb.check(out)
+        if wrong or [2 * told for told in refused] != [first.returncode, other.returncode] or all(refused):
+            return f"bad: {first.returncode} {said[:200]!r}, {other.returncode} {other.stderr[:200]!r} {wrong}"
+        if verb.results is not None and verb.results(out) != self._whole[name]:
+            return "bad: other results than of one run alone"
+        return "kept out" if any(refused) else "finished"
 
     def _complaint(self, name: str, out: Path, status: int, how: signal.Signals, said: str) -> str:
         if status not in (0, INTERRUPTED, -how):
@@ -256,9 +307,15 @@ def cases(harness: Harness, seed: int) -> Iterator[tuple[str, Finding | None]]:
     for case in itertools.count():
         draw = random.Random(f"{seed} {case}")
         name, how = harness.verbs[case % len(harness.verbs)], draw.choice(SIGNALS)
-        outcome = harness.interrupt(name, how, draw.uniform(0.0, 1.1))
+        what, share, way = how.name, draw.uniform(0.0, 1.1), draw.random()
+        if way < CROWDED:
+            what, outcome = "two in one folder", harness.crowd(name, share)
+        elif way < CROWDED + FULL:
+            what, outcome = "full disk", harness.fill(name, int(10.0 ** draw.uniform(1.0, 5.0)))
+        else:
+            outcome = harness.interrupt(name, how, share)
         kind = outcome.partition(":")[0]
-        yield f"{kind} {name}", Finding(case, f"{name}, {how.name}", outcome) if kind == "bad" else None
+        yield f"{kind} {name}", Finding(case, f"{name}, {what}", outcome) if kind == "bad" else None
 
 
 def main() -> int:

@@ -24,6 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[2]))
+
 from grasptrack.demo import demo_scene
 from grasptrack.live import commands as told
 from grasptrack.live.server import PageServer
@@ -159,7 +162,8 @@ class Run:
         self.counts["clients"] += 1
         if self._rng.random() < 0.3:  # a page that is loaded and its files fetched
             for name in ("", "page/app.js", "files/run.json", "files/nothing"):
-                with suppress(urllib.error.HTTPError), urllib.request.urlopen(self.server.url + name) as answer:
+                url = self.server.url.replace("?", f"{name}?")
+                with suppress(urllib.error.HTTPError), urllib.request.urlopen(url) as answer:
                     answer.read()
         return subprocess.Popen(
             [sys.executable, "-c", CLIENT, self.server.url], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

@@ -10,12 +10,17 @@ now and then the tracker is copied, pickled, or replaced by a new one.
 import copy
 import gc
 import pickle
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from grasptrack import GraspTracker
 from grasptrack.demo import demo_scene

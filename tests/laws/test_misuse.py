@@ -4,13 +4,14 @@
 import inspect
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import grasptrack as gt
-from grasptrack.errors import GraspTrackError, InputError
+from grasptrack.errors import LONGEST, GraspError, GraspTrackError, InputError
 from grasptrack_bench.simulation import SHAPES
 from stages import photo, pose
 
@@ -49,6 +50,19 @@ WRONG = {
     "array of objects": np.array([object()]),
     "array of times": np.zeros((2, 2), "datetime64[s]"),
     "a type": int,
+    "wide": np.full((32, 100_000), 7, np.uint8),
+    "tall": np.full((100_000, 32), 7, np.uint8),
+    "six channels": np.zeros((240, 320, 6), np.uint8),
+    "huge": 1e300,
+    "nine contacts": 100.0 + 40.0 * np.array([(np.cos(k), np.sin(k)) for k in range(9)]),
+    "contacts": np.random.default_rng(0).uniform(0, 240, (100, 2)),
+    "far contacts": np.random.default_rng(0).normal(0, 1e200, (64, 2)),
+    "NUL": "a\0b",
+    "escape": "\x1b[2J",
+    "long": "x" * 100_000,
+    "function": lambda *given: None,
+    "result": RESULT,
+    "outline": VIEW,
 }
 
 
@@ -108,16 +122,36 @@ CALLS: dict[str, tuple[Callable[..., Any], list[str]]] = {
     "Goal.fingertips": call(gt.Goal.fingertips, points_px=GRASP.contacts, opening_m=0.05),
     "Goal.taught": call(gt.Goal.taught, result=RESULT),
     "NominalCamera": call(gt.NominalCamera, focal=300.0),
-    **{c.__name__: call(c) for c in (gt.Limits, gt.Gain, gt.LossPolicy, gt.Exploration, gt.Closing)},
+    **{c.__name__: call(c) for c in (gt.Limits, gt.Gain, gt.LossPolicy, gt.Exploration, gt.Closing, gt.Bounds)},
 }  # fmt: skip
+MORE: dict[str, tuple[Callable[..., Any], list[str]]] = {
+    "Contour": call(gt.Contour, points=VIEW.outer.points),
+    "Contour.transformed": call(VIEW.outer.transformed),
+    "View": call(gt.View, contours=[VIEW.outer]),
+    "Camera.jacobian": call(LENS.jacobian),
+    "Camera.within": call(LENS.within),
+    "draw": call(gt.draw, image=IMAGE, found=VIEW),
+    "Goal": (
+        lambda **given: servoed(goal=gt.Goal(**{"kind": "taught", "points": GRASP.contacts, **given})),
+        ["kind", "points", "opening", "beyond", "symmetric"],
+    ),
+    "Goal.save": call(GOAL.save),
+    "Gain.at": call(gt.Gain().at),
+    "Exploration.twist": call(gt.Exploration().twist, axis=0, elapsed=0.1, seconds=0.2, larger=1.0),
+    "GraspServo.closed": (lambda **given: gt.GraspServo(GOAL).closed(**given), ["held", "opening"]),
+    "GraspServo.stop": (lambda **given: gt.GraspServo(GOAL).stop(**given), ["reason"]),
+    "GraspServo.between": call(gt.GraspServo(GOAL).between, time=0.0, pose=np.eye(4)),
+}
+"""Some of their messages say what is right without the parameter's name."""
 OWN_CODE = {("GraspTracker", "choose", "a type"), ("GraspTracker", "segmenter", "a type")}
 """A function or class of the caller's is called, and its errors are the caller's."""
 
 
 @pytest.mark.sampled(8)
-@pytest.mark.parametrize("name", CALLS)
-def test_a_misuse_is_an_error_of_this_package(name: str) -> None:
-    function, parameters = CALLS[name]
+@pytest.mark.parametrize("name", [*CALLS, *MORE])
+def test_a_misuse_is_an_error_of_this_package(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # whatever is a name of a file is written
+    function, parameters = {**CALLS, **MORE}[name]
     failed = []
     for parameter in parameters:
         for kind, value in WRONG.items():
@@ -126,11 +160,42 @@ def test_a_misuse_is_an_error_of_this_package(name: str) -> None:
             try:
                 function(**{parameter: value})
             except GraspTrackError as error:
-                if "\n" in str(error) or not str(error):
+                if not (str(error).isprintable() and 0 < len(str(error)) <= LONGEST):
                     failed.append((parameter, kind, f"message {error}"))
             except Exception as error:
                 failed.append((parameter, kind, f"{type(error).__name__}: {error}"))
     assert not failed, f"{len(failed)}: {failed[:5]}"
+
+
+@pytest.mark.parametrize("wrong", [None, 5, [None], "text", [GRASP.contacts], np.zeros((3, 3))], ids=repr)
+def test_what_a_choice_or_a_segmenter_of_the_callers_returns_is_looked_at(wrong: Any) -> None:
+    class Proposing:
+        def regions(self, *given: Any) -> Any:
+            return wrong
+
+    with pytest.raises(GraspError, match="choose must return grasps"):
+        gt.GraspTracker(choose=lambda view: wrong).update(IMAGE)
+    with pytest.raises(InputError, match="must return a sequence of Region"):
+        gt.GraspTracker(segmenter=Proposing()).update(IMAGE)
+
+
+def test_a_hand_is_no_larger_than_anything_and_a_grasp_has_no_more_contacts_than_hands_have_fingers() -> None:
+    for name in ("clearance", "finger_width", "finger_thickness", "min_opening"):
+        with pytest.raises(InputError, match=f"{name} must be a length below"):
+            gt.Hand(**{name: 1e300})
+    for count in (9, 100):
+        grasp = gt.Grasp(VIEW.outer.points[:count])
+        for judge in (lambda g: gt.analyze(g, VIEW), lambda g: gt.GraspTracker(grasp=g.contacts)):
+            with pytest.raises(GraspError, match="at most 8 fingers"):
+                judge(grasp)
+
+
+def test_a_pickle_of_another_version_is_refused() -> None:
+    tracker = gt.GraspTracker()
+    state = tracker.__getstate__()
+    del state["_wish"]
+    with pytest.raises(InputError, match="no tracker of this version"):
+        tracker.__setstate__(state)
 
 
 def test_there_are_thousands_of_misuses() -> None:

@@ -19,6 +19,7 @@ import pytest
 
 from grasptrack.cli.advice import BackgroundVerdict
 from grasptrack.cli.main import main
+from grasptrack.files import hold_folder
 from grasptrack.io.columns import csv_columns
 from recordings import plate, plates, rows, write
 
@@ -277,6 +278,79 @@ sys.exit(3)
         assert process.stdout is not None and process.stdout.read(1) == b"x"
         process.send_signal(number)
         assert process.wait(30.0) == 3
+
+
+def test_a_search_that_nobody_waits_for_does_not_make_the_end_an_abort() -> None:
+    code = """
+import threading, time
+import numpy as np
+import grasptrack as gt
+from grasptrack.cli.terminal import end_process
+
+image = np.random.default_rng(0).integers(0, 255, (400, 600), np.uint8)
+
+def search():
+    while True:
+        try:
+            gt.first_look(image)
+        except gt.GraspTrackError:
+            pass
+        begun.set()
+
+begun = threading.Event()
+threading.Thread(target=search, daemon=True).start()
+begun.wait()
+end_process(0)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+ODD_NAMES = ("a\x1b[31m\x1b]0;owned\x07.png", "b\x9b2J\u202egnp.png", os.fsdecode(b"c\xff.png"), "d" * 200 + ".png")
+
+
+@pytest.mark.parametrize("name", ODD_NAMES)
+def test_what_a_file_is_called_reaches_no_terminal_as_a_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], name: str
+) -> None:
+    monkeypatch.chdir(plates(tmp_path / "in", 2))
+    Path("000.png").rename(name)
+    (tmp_path / "out").mkdir()
+    for verb in (["track", name, "--no-video"], ["inspect", name, "--runs", "1", "--json"], ["synthesize", name]):
+        assert main([*verb, "--output", str(tmp_path / "out" / name)]) == 0, verb
+    for verb in (["transfer", name, name + "none"], ["track", name, "--masks", name]):
+        assert main([*verb, "--output", str(tmp_path / "out" / name)]) == 2, verb
+    for said in capfd.readouterr():
+        assert said and all(line.isprintable() for line in said.splitlines())
+    for path in (tmp_path / "out" / name).glob("*.json"):
+        assert "\x9b" not in path.read_text(encoding="utf-8") and json.loads(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero here")
+@pytest.mark.parametrize("option", ["--ignore", "--background", "--camera", "--masks"])
+def test_what_has_no_end_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str) -> None:
+    image = plates(tmp_path / "in", 1) / "000.png"
+    assert main(["track", str(image), option, "/dev/zero", "--output", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "/dev/zero" in said and said.count("\n") == 1
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("verb", ["synthesize", "inspect", "transfer"])
+def test_two_runs_do_not_write_to_one_folder(tmp_path: Path, verb: str) -> None:
+    images = [str(path) for path in sorted(plates(tmp_path / "in", 2).iterdir())]
+    command = [verb, *images[: 1 + (verb == "transfer")], "--output", str(tmp_path / "out")]
+    with hold_folder(tmp_path / "out"):
+        done = subprocess.run([sys.executable, "-m", "grasptrack.cli.main", *command], capture_output=True, text=True)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "another run writes to" in done.stderr
+    assert main(command) == 0
+
+
+def test_a_message_is_one_line_that_fits(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["track", "nothing.png", "--strategy", "x" * 4000 + "\x1b\n"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and len(said) <= 301 and said[:-1].isprintable()
+    assert said.startswith("grasptrack: ") and "xxx ... xxx" in said
 
 
 @pytest.mark.parametrize("number", ENDINGS)

@@ -71,7 +71,7 @@ def test_a_recording_that_finds_no_room_keeps_its_whole_images(tmp_path: Path) -
 @pytest.mark.parametrize("verb", ["synthesize", pytest.param("inspect", marks=pytest.mark.slow)])
 def test_a_picture_that_finds_no_room_is_one_line(tmp_path: Path, verb: str) -> None:
     image = str(plates(tmp_path / "in", 1) / "000.png")
-    assert "File too large" in refused(6000, verb, image, "--output", str(tmp_path / "out"))
+    assert '" cannot be written: File too large' in refused(6000, verb, image, "--output", str(tmp_path / "out"))
     assert not parts(tmp_path / "out")
 
 

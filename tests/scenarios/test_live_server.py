@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page's server: who is let in, which files can be had, what goes over the WebSocket; slow browsers slow nobody."""
 
-import asyncio
+import errno
 import json
 import signal
 import socket
@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,8 @@ from websockets.sync.client import connect  # noqa: E402
 from grasptrack import InputError  # noqa: E402
 from grasptrack.files import hold_folder  # noqa: E402
 from grasptrack.live import commands as told  # noqa: E402
-from grasptrack.live.guard import Guard  # noqa: E402
-from grasptrack.live.server import MOST_CLIENTS, PAGE, PageServer  # noqa: E402
+from grasptrack.live import guard  # noqa: E402
+from grasptrack.live.server import MOST_CLIENTS, PAGE, PageServer, bind_socket  # noqa: E402
 from grasptrack.live.session import LiveSession  # noqa: E402
 from recordings import movie, plate, plates, rows  # noqa: E402
 from watched import camera_session, plate_session, reached, threads_left, threads_of_ours, until  # noqa: E402
@@ -57,8 +57,17 @@ def base(server: PageServer) -> str:
     return f"http://127.0.0.1:{server.port}"
 
 
-def open_socket(server: PageServer, **more: Any) -> Any:
-    return connect(f"ws://127.0.0.1:{server.port}/socket", max_size=None, **more)
+def cookie(server: PageServer) -> dict[str, str]:
+    return {"Cookie": f"grasptrack-{server.port}={server.token}"}
+
+
+def get(server: PageServer, path: str, **more: str) -> Any:
+    return httpx.get(f"{base(server)}{path}", headers={**cookie(server), **more})
+
+
+def open_socket(server: PageServer, **more: str) -> Any:
+    headers = {**cookie(server), **more}
+    return connect(f"ws://127.0.0.1:{server.port}/socket", max_size=None, additional_headers=headers)
 
 
 def next_moment(client: Any) -> tuple[dict[str, Any], bytes]:
@@ -92,9 +101,9 @@ def error_of(client: Any) -> str:
 
 def test_the_page_is_whole_and_needs_nothing_from_elsewhere(tmp_path: Path) -> None:
     with page_of_plate(tmp_path) as (_, server):
-        page = httpx.get(f"{base(server)}/").text
+        page = get(server, "/").text
         for name in PAGE:
-            answer = httpx.get(f"{base(server)}/page/{name}")
+            answer = get(server, f"/page/{name}")
             assert answer.status_code == 200 and answer.headers["content-type"].startswith(PAGE[name])
             assert "default-src 'none'" in answer.headers["content-security-policy"]
             for url in ("http://", "https://", "//cdn"):
@@ -182,7 +191,7 @@ def test_files_of_the_run_can_be_had_and_no_others(tmp_path: Path) -> None:
         secret = tmp_path / "run" / "secret.txt"
         secret.write_text("a file of the user's own")
         (tmp_path / "outside.csv").write_text("beside the run")
-        got = httpx.get(f"{base(server)}/files/grasps.csv")
+        got = get(server, "/files/grasps.csv")
         assert got.status_code == 200 and got.text.startswith("frame,time_s,status")
         assert got.headers["content-disposition"] == 'attachment; filename="grasps.csv"'
         for name in (
@@ -190,19 +199,20 @@ def test_files_of_the_run_can_be_had_and_no_others(tmp_path: Path) -> None:
             "/etc/passwd", "%2fetc%2fpasswd", "grasps.csv/../../outside.csv", "grasps.csv%00", "goal.json", "", ".",
             "..",
         ):  # fmt: skip
-            answer = raw_get(server.port, f"/files/{name}")
+            answer = raw_get(server, f"/files/{name}")
             assert answer.startswith((b"HTTP/1.1 404", b"HTTP/1.1 400", b"HTTP/1.1 307")), (name, answer[:60])
             assert b"beside the run" not in answer and b"root:" not in answer and b"own" not in answer
         for name in ("../server.py", "%2e%2e/server.py", "..%2fserver.py"):
-            assert raw_get(server.port, f"/page/{name}").startswith(b"HTTP/1.1 404")
+            assert raw_get(server, f"/page/{name}").startswith(b"HTTP/1.1 404")
         assert session.written_file("secret.txt") is None and session.written_file("../outside.csv") is None
 
 
-def raw_get(port: int, target: str, host: str | None = None) -> bytes:
-    """As no client that tidies addresses up would ask."""
-    with socket.create_connection(("127.0.0.1", port), 10) as link:
-        name = f"127.0.0.1:{port}" if host is None else host
-        link.sendall(f"GET {target} HTTP/1.1\r\nHost: {name}\r\nConnection: close\r\n\r\n".encode("latin-1"))
+def raw_get(server: PageServer, target: str, host: str | None = None) -> bytes:
+    """As no client that tidies addresses up would ask; the token is known."""
+    with socket.create_connection(("127.0.0.1", server.port), 10) as link:
+        name = f"127.0.0.1:{server.port}" if host is None else host
+        known = f"Cookie: {cookie(server)['Cookie']}\r\nConnection: close"
+        link.sendall(f"GET {target} HTTP/1.1\r\nHost: {name}\r\n{known}\r\n\r\n".encode("latin-1"))
         answer = b""
         while piece := link.recv(65536):
             answer += piece
@@ -212,20 +222,30 @@ def raw_get(port: int, target: str, host: str | None = None) -> bytes:
 # --- who is let in -------------------------------------------------------------------------------
 
 
-def test_another_name_or_another_site_is_refused(tmp_path: Path) -> None:
+def test_another_site_is_refused(tmp_path: Path) -> None:
     with page_of_plate(tmp_path) as (_, server):
-        for host in (f"evil.example:{server.port}", "evil.example", "127.0.0.1:1", "127.0.0.1", "", "a b", "["):
-            assert raw_get(server.port, "/", host).startswith((b"HTTP/1.1 403", b"HTTP/1.1 400")), host
-        for host in (f"localhost:{server.port}", f"127.0.0.1:{server.port}"):
-            assert raw_get(server.port, "/", host).startswith(b"HTTP/1.1 200")
         for origin in ("http://evil.example", f"http://127.0.0.1:{server.port}.evil.example", "null", "http://["):
-            assert httpx.get(f"{base(server)}/files/grasps.csv", headers={"origin": origin}).status_code == 403
-            refused = pytest.raises(websockets.exceptions.InvalidStatus)
-            with refused, open_socket(server, additional_headers={"Origin": origin}):
+            assert get(server, "/files/grasps.csv", origin=origin).status_code == 403
+            with pytest.raises(websockets.exceptions.InvalidStatus), open_socket(server, Origin=origin):
                 pass
-        with open_socket(server, additional_headers={"Origin": base(server)}) as client:
+        with open_socket(server, Origin=base(server)) as client:
             next_moment(client)
-        assert httpx.post(f"{base(server)}/").status_code == 405
+        assert httpx.post(server.url).status_code == 405
+
+
+def test_under_any_name_and_port_the_token_is_enough_and_nothing_is_answered_without_it(tmp_path: Path) -> None:
+    """As through a tunnel, out of a container, or by a name that only the network knows."""
+    with page_of_plate(tmp_path) as (_, server):
+        for host, port in (("localhost:9000", 9000), ("robot.local", 80), ("[::1]", 80), ("192.168.7.9:8321", 8321)):
+            asked = httpx.get(server.url, headers={"host": host})
+            kept = asked.headers["set-cookie"].partition(";")[0]
+            assert asked.status_code == 200 and kept == f"grasptrack-{port}={server.token}"
+            known = {"host": host, "cookie": kept}
+            assert httpx.get(f"{base(server)}/", headers=known).status_code == 200
+            assert httpx.get(f"{base(server)}/", headers={"host": host}).status_code == 403
+            assert httpx.get(f"{base(server)}/", headers={**known, "origin": "http://evil.example"}).status_code == 403
+        for host in ("", "a b", "[", "evil.example:80:80"):
+            assert raw_get(server, "/", host).startswith((b"HTTP/1.1 403", b"HTTP/1.1 400")), host
 
 
 def test_with_a_token_nothing_is_answered_without_it(tmp_path: Path) -> None:
@@ -235,52 +255,29 @@ def test_with_a_token_nothing_is_answered_without_it(tmp_path: Path) -> None:
             for query in ("", "?token=", "?token=wrong", "?token=wKq3-toke", "?token=%ff"):
                 answer = httpx.get(f"{base(server)}{path}{query}")
                 assert answer.status_code == 403 and "token" in answer.text and "wKq3" not in answer.text
-        for headers in ({}, {"Cookie": f"grasptrack-{server.port}=wrong"}, {"Cookie": "=;;grasptrack"}):
-            refused = pytest.raises(websockets.exceptions.InvalidStatus)
-            with refused, open_socket(server, additional_headers=headers):
+        for wrong in ("", f"grasptrack-{server.port}=wrong", "=;;grasptrack"):
+            with pytest.raises(websockets.exceptions.InvalidStatus), open_socket(server, Cookie=wrong):
                 pass
         with httpx.Client() as browser:
             assert browser.get(server.url).status_code == 200
             assert browser.get(f"{base(server)}/page/app.js").status_code == 200  # by the cookie
             assert browser.get(f"{base(server)}/files/grasps.csv").status_code == 200
-            (cookie,) = browser.cookies.jar
-        assert cookie.has_nonstandard_attr("HttpOnly") and cookie.get_nonstandard_attr("SameSite") == "Strict"
-        with open_socket(server, additional_headers={"Cookie": f"{cookie.name}={cookie.value}"}) as client:
+            (found,) = browser.cookies.jar
+        assert found.has_nonstandard_attr("HttpOnly") and found.get_nonstandard_attr("SameSite") == "Strict"
+        with open_socket(server, Cookie=f"{found.name}={found.value}") as client:
             next_moment(client)
 
 
-def test_any_address_but_this_machines_own_makes_a_token(tmp_path: Path) -> None:
+def test_the_addresses_that_are_printed_are_those_at_which_it_is_reached(tmp_path: Path) -> None:
     with plate_session(tmp_path, 2) as session:
-        for host, asks in (("127.0.0.1", False), ("localhost", False), ("0.0.0.0", True)):
-            server = PageServer(session, host)
-            assert (server.token is not None) == asks == ("token=" in server.url)
-            assert not asks or len(str(server.token)) >= 32
-            server.stop()
-
-
-def test_hosts_that_a_guard_knows() -> None:
-    async def app(scope: Any, receive: Any, send: Any) -> None:
-        await send({"type": "http.response.start", "status": 200, "headers": []})
-
-    def status(host: str, bound: str, token: str | None) -> int:
-        answers: list[Any] = []
-        headers = [(b"host", host.encode())]
-        scope = {"type": "http", "headers": headers, "query_string": b"token=abc"}
-
-        async def send(message: Any) -> None:
-            answers.append(message)
-
-        async def receive() -> Any:
-            return {"type": "http.request"}
-
-        asyncio.run(Guard(app, bound, 80, token)(scope, receive, send))
-        return int(answers[0]["status"])
-
-    assert status("localhost", "127.0.0.1", None) == status("[::1]:80", "::1", None) == 200
-    assert status("192.168.7.9", "127.0.0.1", None) == 403
-    assert status("192.168.7.9:80", "0.0.0.0", "abc") == 200
-    assert status("evil.example:80", "0.0.0.0", "abc") == 403
-    assert status("192.168.7.9:81", "0.0.0.0", "abc") == 403
+        for host, name in (("127.0.0.1", None), ("localhost", None), ("0.0.0.0", None), ("0.0.0.0", "robot.local")):
+            with served(session, host=host, name=name) as server:
+                assert len(server.token) >= 32 and all(url.endswith(f"/?token={server.token}") for url in server.urls)
+                assert not any("0.0.0.0" in url for url in server.urls)
+                if name is None:
+                    assert all(httpx.get(url).status_code == 200 for url in server.urls)
+                else:
+                    assert server.urls == [f"http://{name}:{server.port}/?token={server.token}"]
 
 
 # --- slow, many, gone ----------------------------------------------------------------------------
@@ -322,6 +319,51 @@ def test_only_so_many_look_on_and_who_goes_makes_room(tmp_path: Path) -> None:
             client.close()
         until_clients(server, 0)
         assert server.hub.session._listeners == []  # nobody looks on: nothing is done for a page
+
+
+def is_closed(link: socket.socket) -> bool:
+    link.setblocking(False)
+    try:
+        return link.recv(1 << 16) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionError:
+        return True
+
+
+def test_connections_that_show_no_token_leave_the_run_its_files_and_keep_nobody_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with page_of_plate(tmp_path) as (_, server), ExitStack() as stack, open_socket(server) as client:
+        next_moment(client)
+        links = [stack.enter_context(socket.create_connection(("127.0.0.1", server.port), 10)) for _ in range(320)]
+        for link in links[::2]:
+            with suppress(OSError):
+                link.sendall(b"GET / HTTP/1.1\r\nHost: x\r\nX-Slow: ")
+        assert get(server, "/").status_code == 200
+        client.send(json.dumps({"do": "friction", "value": 0.7}))
+        moment_until(client, lambda m: m["friction"] == 0.7)
+        assert 200 < sum(not is_closed(link) for link in links) <= guard.MOST_CONNECTIONS
+        monkeypatch.setattr(guard, "PATIENCE", 0.2)
+        end = time.monotonic() + 20
+        while not all(is_closed(link) for link in links):
+            assert time.monotonic() < end
+            time.sleep(0.1)
+        client.send(json.dumps({"do": "friction", "value": 0.6}))  # who has shown it stays
+        moment_until(client, lambda m: m["friction"] == 0.6)
+
+
+@pytest.mark.parametrize("number", [errno.EMFILE, errno.ENFILE])
+def test_a_process_without_descriptors_takes_no_connection_and_says_nothing(
+    monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def full(_: socket.socket) -> Any:
+        raise OSError(number, "Too many open files")
+
+    with bind_socket("127.0.0.1", 0) as door:
+        monkeypatch.setattr(socket.socket, "accept", full)
+        with pytest.raises(BlockingIOError):
+            door.accept()
 
 
 def until_clients(server: PageServer, count: int) -> None:
@@ -387,7 +429,7 @@ def test_ctrl_c_leaves_whole_files(tmp_path: Path, ending: signal.Signals) -> No
     )
     assert run.stdout is not None
     url = run.stdout.readline().split()[0]
-    with connect(url.replace("http", "ws") + "socket", max_size=None) as client:
+    with connect(url.replace("http", "ws", 1).replace("/?", "/socket?"), max_size=None) as client:
         moment_until(client, lambda m: m["phase"] == "ended")
     run.send_signal(ending)
     rest, _ = run.communicate(timeout=60)
@@ -403,6 +445,7 @@ def test_ctrl_c_leaves_whole_files(tmp_path: Path, ending: signal.Signals) -> No
         (["film.mp4", "--record-as", "gif"], "--record-as"),
         (["film.mp4", "--fingers", "5"], "2 or 3 fingers"),
         (["film.mp4", "--host", "no.such.host.example"], "cannot be served"),
+        (["film.mp4", "--name", "http://robot.local"], "--name is the name or address of a machine"),
         (["film.mp4", "--strategy", "grasp-line", "--fingers", "3"], "grasp-line"),
         (["film.mp4", "--object", "1,2", "--box", "1,2,3,4"], "give one of them"),
         (["camera:77"], "camera 77 cannot be opened"),

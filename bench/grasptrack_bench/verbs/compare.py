@@ -10,6 +10,7 @@ import typer
 
 from grasptrack.cli import help_groups, options
 from grasptrack.cli.help_groups import option
+from grasptrack.cli.terminal import tell_line
 
 WORSE = 1
 """Exit status with --strict where something got worse."""
@@ -44,6 +45,6 @@ def compare(
         write_comparison(found, output)
     if not quiet:
         for line in comparison_lines(found):
-            typer.echo(line)
+            tell_line(line)
     if strict and found.worse:
         raise typer.Exit(WORSE)

@@ -10,6 +10,9 @@ import dataclasses
 import inspect
 import re
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
+from contextvars import ContextVar
+from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
@@ -115,6 +118,20 @@ def option(panel: str, metavar: str | None, text: str, *names: str, **more: Any)
     return typer.Option(..., *names, metavar=metavar, rich_help_panel=panel, help=text, **more)
 
 
+_until_end: ContextVar[ExitStack] = ContextVar("until_end")
+
+
+def hold_until_end(output: Path) -> None:
+    """Make a folder, and keep other runs out of it until the verb that is at work has ended.
+
+    Raises:
+        InputError: as of `hold_folder`.
+    """
+    from grasptrack.files import hold_folder
+
+    _until_end.get().enter_context(hold_folder(output))
+
+
 def with_options(verb: Callable[..., None]) -> Callable[..., None]:
     """A verb, each parameter that is a dataclass replaced by those of its fields that are options.
 
@@ -134,7 +151,12 @@ def with_options(verb: Callable[..., None]) -> Callable[..., None]:
     def run(**values: Any) -> None:
         for name, (group, members) in groups.items():
             values[name] = group(**{member: values.pop(member) for member in members})
-        verb(**values)
+        with ExitStack() as until_end:
+            before = _until_end.set(until_end)
+            try:
+                verb(**values)
+            finally:
+                _until_end.reset(before)
 
     run.__name__, run.__doc__, run.__module__ = verb.__name__, verb.__doc__, verb.__module__
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}

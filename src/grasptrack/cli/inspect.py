@@ -56,7 +56,7 @@ def inspect(
     lens = scene.lens
 
     from grasptrack.documents import write_json
-    from grasptrack.files import keep_inputs, prepare_folder
+    from grasptrack.files import keep_inputs
     from grasptrack.io.json_results import inspection_to_dict
     from grasptrack.trackability import inspect as look
     from grasptrack.trackability.result import as_seen
@@ -66,7 +66,7 @@ def inspect(
 
     written = [output / name for name in ("inspect.json", "inspect.png", PICTURE)]
     keep_inputs(written, [image, *([] if first.mask is None else [first.mask]), *first.files()])
-    prepare_folder(output)
+    help_groups.hold_until_end(output)
     said = {name: value for name, value in scene.said.tracker_arguments().items() if name != "sure"}
     try:
         found = look(
@@ -96,7 +96,7 @@ def inspect(
     if json_ and not quiet:
         import json
 
-        typer.echo(json.dumps(content, ensure_ascii=False, indent=1))
+        typer.echo(json.dumps(content, indent=1))
     elif not quiet:
         _show_results(found, [*notes, *scene.notes, f"{data}, {page}"])
 

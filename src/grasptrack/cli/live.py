@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +11,7 @@ import typer
 
 from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.help_groups import PAGE, as_asked, option
-from grasptrack.cli.terminal import Interruption, show_run
+from grasptrack.cli.terminal import Interruption, show_run, tell_line
 from grasptrack.errors import InputError, install_hint
 
 if TYPE_CHECKING:
@@ -40,8 +41,11 @@ def live(
         bool, option(PAGE, None, "End where a file ends, instead of waiting for Restart.", "--until-end")
     ] = False,
     host: Annotated[
-        str, option(PAGE, "ADDRESS", "Address to serve at; any but this machine's own asks for a token.")
+        str, option(PAGE, "ADDRESS", "Address to serve at; 0.0.0.0 takes all of this machine's.")
     ] = "127.0.0.1",
+    name: Annotated[
+        str | None, option(PAGE, "HOST", "Name of this machine in the address that is printed, as robot.local.")
+    ] = None,
     port: Annotated[int, option(PAGE, "N", "Number of the port; 0 takes a free one.", min=0, max=65535)] = 8321,
     output: options.Output = options.OUTPUT_FOLDER / "live",
     record_as: Annotated[str, option(help_groups.OUTPUT, "NAME", "Kind of recordings: mp4, mcap or rrd.")] = "mp4",
@@ -54,7 +58,8 @@ def live(
     two or three clicks give contacts, and Start follows them. Files are played at their own rate; of a camera the newest image
     counts.
 
-    Serves this machine alone. With --host others may look on and steer: the address that is printed then holds a token.
+    Serves this machine alone; with --host others too. Who has the address that is printed, with its token, may look on and
+    steer.
 
     Writes grasps.csv (one row for every frame followed), run.json and summary.png, and what you record. Ctrl-C ends it.
 
@@ -65,6 +70,8 @@ def live(
       grasptrack live photos --fps 10 --port 0
       grasptrack live camera:0 --host 0.0.0.0 --output run
     """
+    if name is not None and not re.fullmatch(r"[\w.-]{1,253}|[\da-f.]*(:[\da-f.]*){2,7}", name, re.A | re.I):
+        raise InputError("--name is the name or address of a machine, such as robot.local, without http:// or a port")
     options.one_of("--record-as", record_as, RECORDED_AS)
     asked = {**as_asked(grasp, hand, images, known), **first.as_written(), "start": start, "record_as": record_as}
     grasp.finger_count(at_most_three=True)
@@ -89,10 +96,11 @@ def live(
         session = LiveSession(
             frames, settings, output, meant=said, at_once=start, options=asked, record_as=f".{record_as}"
         )
-        server = PageServer(session, host, listener=listener)
+        server = PageServer(session, host, name=name, listener=listener)
         session.start()
         server.start()
-        typer.echo(f"{server.url}  (Ctrl-C ends)")
+        for url in server.urls:
+            tell_line(f"{url}  (Ctrl-C ends)")
         begun = False
         try:
             while session.is_running and not (until_end and session.shown.phase in ("ended", "failed")):

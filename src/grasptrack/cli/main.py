@@ -152,7 +152,10 @@ def run_app(app: typer.Typer, arguments: Sequence[str], program: str) -> int:
         except OSError as error:
             from grasptrack.files import is_full_disk
 
-            return _report_failure(error, BAD_INPUT if is_full_disk(error) else OTHER, struck.now)
+            if not is_full_disk(error):
+                return _report_failure(error, OTHER, struck.now)
+            full = InputError(f'"{error.filename or "a file"}" cannot be written: {error.strerror or error}')
+            return _report_failure(full, BAD_INPUT, struck.now)
         except Exception as error:
             return _report_failure(error, int(getattr(error, "exit_code", OTHER)), struck.now)
 

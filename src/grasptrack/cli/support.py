@@ -13,6 +13,7 @@ from typing import Annotated, NamedTuple
 import typer
 
 from grasptrack.cli import help_groups
+from grasptrack.cli.terminal import tell_line
 from grasptrack.errors import InputError, install_hint, own_pip
 
 EXTRAS = {
@@ -59,10 +60,10 @@ def doctor() -> None:
     """
     wrong = 0
     for title, findings in (("here", examine_program()), ("extras", examine_extras()), ("cameras", examine_cameras())):
-        typer.echo(title)
+        tell_line(title)
         for mark, name, text in findings:
             wrong += mark == "!!"
-            typer.echo(f"  {mark}  {name:12} {text}")
+            tell_line(f"  {mark}  {name:12} {text}")
     if wrong:
         raise typer.Exit(1)
 
@@ -156,12 +157,12 @@ def cameras() -> None:
     listings = list_cameras()
     found = [camera for listing in listings for camera in listing.cameras]
     for camera in found:
-        typer.echo(f"{camera.source_name:32}  {camera.model}")
+        tell_line(f"{camera.source_name:32}  {camera.model}")
     if not found:
-        typer.echo("no camera is attached")
+        tell_line("no camera is attached")
     for listing in listings:
         if listing.note:
-            typer.echo(f"  {listing.kind}: {listing.note}")
+            tell_line(f"  {listing.kind}: {listing.note}")
 
 
 models = typer.Typer(
@@ -185,13 +186,13 @@ def _list_models(context: typer.Context) -> None:
         return
     from grasptrack.nets.models import MODELS, is_installed, models_folder
 
-    typer.echo(f"{'name':10} {'what':22} {'licence':10} {'MB':>6}  here  {'hash':27} from")
+    tell_line(f"{'name':10} {'what':22} {'licence':10} {'MB':>6}  here  {'hash':27} from")
     for model in MODELS:
         here = "yes" if is_installed(model) else "no"
         for file in model.files:
             named = f"{model.name:10} {model.what:22} {model.licence:10}" if file is model.files[0] else " " * 44
-            typer.echo(f"{named} {file.megabytes:6g}  {here:4}  {file.digest[:24]}... {file.url}")
-    typer.echo(f"kept in {models_folder()}")
+            tell_line(f"{named} {file.megabytes:6g}  {here:4}  {file.digest[:24]}... {file.url}")
+    tell_line(f"kept in {models_folder()}")
 
 
 @models.command(cls=help_groups.GroupedCommand, short_help="Download one model.")
@@ -203,6 +204,6 @@ def get(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the mo
     if model is None:
         raise InputError(f'unknown model "{name}"; choose from {", ".join(m.name for m in MODELS)}', name=name)
     for file in model.files:
-        typer.echo(f"{model.name}: {file.megabytes:g} MB, {model.licence}, from {file.url}")
+        tell_line(f"{model.name}: {file.megabytes:g} MB, {model.licence}, from {file.url}")
     for file, path in zip(model.files, download_model(model), strict=True):
-        typer.echo(f"kept as {path}, {file.digest.partition(':')[0]} checked")
+        tell_line(f"kept as {path}, {file.digest.partition(':')[0]} checked")

@@ -75,13 +75,13 @@ def synthesize(
     scene = first.read_scene(image, "synthesize takes one image")
 
     from grasptrack.documents import write_json
-    from grasptrack.files import keep_inputs, prepare_folder
+    from grasptrack.files import keep_inputs
     from grasptrack.io.json_results import grasps_to_dict
     from grasptrack.view.grasps import write_grasps
 
     written = [output / name for name in ("grasps.json", "grasps.png", PICTURE)]
     keep_inputs(written, [image, *([] if first.mask is None else [first.mask]), *first.files()])
-    prepare_folder(output)
+    help_groups.hold_until_end(output)
     try:
         views, candidates, probability = first_image.find_outlines(scene, first.segmenter)
     except ObservationError as error:

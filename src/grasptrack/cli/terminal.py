@@ -17,6 +17,8 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from grasptrack.errors import one_line
+
 if TYPE_CHECKING:
     from grasptrack.io.results import RunSummary
     from grasptrack.typing import Progress
@@ -26,6 +28,7 @@ INTERRUPTED = 130
 """Exit status after Ctrl-C."""
 
 _held: list[str] = []
+_final: list[int] = []  # the status, once all is done
 
 
 def _endings() -> list[signal.Signals]:
@@ -71,19 +74,47 @@ def signals_as_interrupts() -> Iterator[Struck]:
 def end_process(status: int) -> None:
     """From here on Ctrl-C and SIGTERM keep the work's status; one that came before ends the process at once."""
     if status == INTERRUPTED:  # Python's teardown fails on what a signal left half imported
-        with contextlib.suppress(OSError, ValueError):
-            sys.stdout.flush()
-        os._exit(status)
+        _leave(status)
     if threading.current_thread() is threading.main_thread():
         for number in _endings():
             signal.signal(number, lambda *_: os._exit(status))
         # Last of all Python takes handlers of its own away, and a signal would kill: one that is ignored stays so.
         atexit.register(lambda: [signal.signal(n, signal.SIG_IGN) for n in _endings()])
+        _final.append(status)
+
+
+def _leave(status: int) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        sys.stdout.flush()
+    os._exit(status)
+
+
+@atexit.register  # now, so that it comes after what others do at the end
+def _leave_threads() -> None:
+    """A thread that is at work in C++ still, as a search nobody waits for, would make Python's teardown abort."""
+    if _final and any(thread.daemon for thread in threading.enumerate()):
+        _leave(_final[0])
 
 
 def tell_error(message: str) -> None:
     """One line on stderr."""
-    print("grasptrack: " + " ".join(message.split()), file=sys.stderr, flush=True)
+    print(one_line(f"grasptrack: {message.strip()}"), file=sys.stderr, flush=True)
+
+
+def tell_line(text: str) -> None:
+    """One line on the standard output."""
+    print(one_line(text), flush=True)
+
+
+def _console() -> Any:
+    """Where tables are printed; whatever their cells hold, each is a line that fits."""
+    from rich.console import Console
+
+    class FittedConsole(Console):
+        def render_str(self, text: str, **more: Any) -> Any:
+            return super().render_str(one_line(text), **more)
+
+    return FittedConsole(highlight=False)
 
 
 @contextlib.contextmanager
@@ -94,6 +125,11 @@ def only_our_errors() -> Iterator[None]:
         if os.environ.get("GRASPTRACK_DEBUG") not in (None, "", "0") or not _is_process_stderr():
             yield
             return
+        import logging
+
+        nobody, before = logging.NullHandler(), threading.excepthook
+        logging.getLogger().addHandler(nobody)  # without any, Python prints what libraries log
+        threading.excepthook = lambda args: _held.append(f"internal error, {args.exc_type.__name__}: {args.exc_value}")
         sys.stderr.flush()
         kept, ours = sys.stderr, os.dup(2)
         with open(os.devnull, "wb") as nowhere, open(ours, "w", encoding=kept.encoding, errors="replace") as stream:  # noqa: PTH123
@@ -105,6 +141,8 @@ def only_our_errors() -> Iterator[None]:
                 stream.flush()
                 os.dup2(ours, 2)
                 sys.stderr = kept
+                threading.excepthook = before
+                logging.getLogger().removeHandler(nobody)
 
 
 def _is_process_stderr() -> bool:
@@ -115,7 +153,7 @@ def _is_process_stderr() -> bool:
 
 
 def _hold_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    _held.append(" ".join(str(message).split()))
+    _held.append(str(message))
 
 
 def held_warnings() -> list[str]:
@@ -168,7 +206,6 @@ class ProgressBar:
     """
 
     def __init__(self, quiet: bool) -> None:
-        from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as RichProgress
         from rich.text import Text
@@ -178,7 +215,7 @@ class ProgressBar:
                 speed = task.finished_speed or task.speed
                 return Text("" if speed is None else f"{speed:.0f} frames/s", style="cyan")
 
-        console = Console()
+        console = _console()
         self._shown = console.is_terminal and not quiet
         self._progress = RichProgress(
             TextColumn("{task.description}"),
@@ -222,7 +259,6 @@ class ProgressBar:
 
 def show_run(summary: RunSummary, output: Path, notes: Iterable[str] = ()) -> None:
     """The closing table of a run: frames, statuses and why, latency, speed, files; and lines of text below it."""
-    from rich.console import Console
     from rich.markup import escape
 
     table = _summary_table("", "", "")
@@ -242,7 +278,7 @@ def show_run(summary: RunSummary, output: Path, notes: Iterable[str] = ()) -> No
         latency = f"median {summary.latency_median_ms:.2f} ms, 99th percentile {summary.latency_p99_ms:.2f} ms"
         table.add_row("latency", "", latency)
     table.add_row("speed", "", f"{summary.frames_per_s:.0f} frames/s with reading, drawing and writing")
-    console = Console(highlight=False)
+    console = _console()
     console.print(table)
     for note in notes:
         console.print(f"  {escape(note)}", soft_wrap=True)
@@ -267,10 +303,9 @@ def show_rows(
         notes: the lines.
         optional: so many of the last columns are left out where a terminal has no room for all.
     """
-    from rich.console import Console
     from rich.markup import escape
 
-    console = Console(highlight=False)
+    console = _console()
     table = _result_table(title, heads, rows)
     wide = console.options.update_width(10_000)
     if not console.is_terminal:

@@ -83,7 +83,7 @@ def transfer(
       grasptrack transfer a.png b.png --camera camera.yaml
       grasptrack transfer a.png b.png --risk 1e-5 --json
     """
-    from grasptrack.files import keep_inputs, prepare_folder
+    from grasptrack.files import keep_inputs
     from grasptrack.first_image import FirstImage
     from grasptrack.grasp.contacts import Grasp
     from grasptrack.tracking.camera import Beforehand
@@ -99,7 +99,7 @@ def transfer(
     images = [first_image.only_image(name, "transfer takes two images").image for name in (image_a, image_b)]
     read = [path for path in (image_a, image_b, ignore, camera) if path is not None]
     keep_inputs((output / name for name in ("transfer.json", "transfer.png")), read)
-    prepare_folder(output)
+    help_groups.hold_until_end(output)
     one, other = (first_image.straighten(image, said, calibration) for image, said in zip(images, meant, strict=True))
     lens = one.lens
     # The first step of a sequence, so that object and grasp are chosen here as they are there.

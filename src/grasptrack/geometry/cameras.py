@@ -120,14 +120,23 @@ class Camera:
 
     @arguments.checked(points=arguments.array(..., 2))
     def undistort(self, points: ArrayLike) -> Floats:
-        """(N, 2) ideal px, of points (N, 2) in px seen: the inverse of `distort`, by Newton's method, to rounding."""
+        """(N, 2) ideal px, of points (N, 2) in px seen: the inverse of `distort`, by Newton's method, to rounding.
+
+        Raises:
+            InputError: so far outside the image that there is no inverse.
+        """
         p = np.asarray(points, dtype=np.float64)
         if not self.distorted:
             return p.copy()
         seen = self._pixels_to_rays(p)
         rays = seen.copy()
         for _ in range(60):
-            step = np.linalg.solve(self._distortion_jacobian(rays), (self._seen_rays(rays) - seen)[..., None])[..., 0]
+            try:
+                step = np.linalg.solve(self._distortion_jacobian(rays), (self._seen_rays(rays) - seen)[..., None])[
+                    ..., 0
+                ]
+            except np.linalg.LinAlgError:
+                raise InputError("no ideal pixel is known of points so far outside the image") from None
             rays -= step
             if np.abs(step).max(initial=0.0) < 1e-14:
                 break
@@ -230,7 +239,7 @@ def _central_differences(function: Callable[[Floats], Floats], rays: Floats) -> 
 def _finite_array(values: ArrayLike, what: str) -> Floats:
     try:
         array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"a camera's {what} holds numbers only") from None
     if not np.isfinite(array).all():
         raise InputError(f"a camera's {what} holds finite numbers only")

@@ -49,6 +49,7 @@ class Contour:
 
     __slots__ = ("_arc", "_bounds", "clipped", "hole", "offsets", "points", "signed_area", "strength")
 
+    @arguments.checked(hole=arguments.truth)
     def __init__(
         self,
         points: ArrayLike,
@@ -240,7 +241,7 @@ def _as_homography(H: ArrayLike) -> Floats:
     """An own (3, 3) array."""
     try:
         own = np.array(H, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         own = np.zeros(0)
     if own.shape != (3, 3):
         raise InputError("H is a homography, an array of numbers of shape (3, 3)")
@@ -254,7 +255,7 @@ def _as_points(points: ArrayLike) -> Floats:
         if given.dtype.kind in "cSU":  # which NumPy would make numbers of
             raise TypeError
         pts = np.array(given, dtype=np.float64, order="C")
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ContourError("a contour is an array of numbers of shape (N, 2)") from None
     if pts.ndim != 2 or pts.shape[1] != 2:
         raise ContourError(f"a contour is an array of shape (N, 2), not {pts.shape}", shape=pts.shape)
@@ -267,7 +268,7 @@ def _as_marks(name: str, values: ArrayLike | None, kind: type[Any], count: int) 
         return None
     try:
         marks = np.array(values, dtype=kind)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ContourError(f"{name} needs one value for each of the {count} points") from None
     if marks.shape != (count,):
         raise ContourError(f"{name} needs one value for each of the {count} points", shape=marks.shape)

@@ -16,6 +16,9 @@ from grasptrack.geometry.contours import OutlineLike, as_outline, outline_like
 from grasptrack.presentation import to_dict
 from grasptrack.typing import Floats
 
+MOST_CONTACTS = 8
+"""Of a grasp that is judged: no hand has more fingers, and kernels take no more."""
+
 
 @compared_by_value
 class Grasp:

@@ -12,7 +12,7 @@ from grasptrack import arguments, kernels
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspError, InputError
 from grasptrack.geometry.contours import Outline, OutlineLike, as_outline, outline_like
-from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.contacts import MOST_CONTACTS, Grasp
 from grasptrack.presentation import to_dict
 from grasptrack.typing import Floats
 
@@ -101,6 +101,12 @@ class ForceClosure(NamedTuple):
         return cls(*kernels.force_closure(contacts, normals, *centre, rho, friction), friction)
 
 
+def check_count(fingers: int) -> None:
+    """Raise GraspError where that are more fingers than can be judged."""
+    if fingers > MOST_CONTACTS:
+        raise GraspError(f"a grasp is judged for at most {MOST_CONTACTS} fingers, not {fingers}", fingers=fingers)
+
+
 def check_friction(friction: float) -> None:
     """Raise InputError unless the coefficient is positive and finite."""
     if not (0.0 < friction < math.inf):
@@ -142,9 +148,10 @@ def analyze(
 
     Raises:
         ContourError: points that are no contour.
-        GraspError: a contact is not on the outline.
+        GraspError: a contact is not on the outline, or there are more than 8.
         InputError: friction or finger_width not positive.
     """
+    check_count(len(grasp))
     return Analyzer(as_outline(outline), finger_width, judged_in).analyze(grasp.contacts, friction)
 
 

@@ -154,7 +154,9 @@ class Hand:
                 raise InputError(f"{name} must be a positive length, not {value:g}", name=name, value=value)
             if name in ("finger_thickness", "clearance") and not math.isfinite(value):
                 raise InputError(f"{name} must be a finite length", name=name)
-        if self.px_per_mm is not None and not 0.0 < self.px_per_mm < math.inf:
+            if arguments.LARGEST <= value < math.inf:
+                raise InputError(f"{name} must be a length below {arguments.LARGEST:g}, not {value:g}", name=name)
+        if self.px_per_mm is not None and not 0.0 < self.px_per_mm < arguments.LARGEST:
             raise InputError(f"the scale must be a positive number of px per mm, not {self.px_per_mm}")
 
     @arguments.checked(size=arguments.number)

@@ -12,6 +12,7 @@ import contextlib
 import glob
 import io
 import itertools
+import os
 import re
 import warnings
 from collections.abc import Generator, Iterable, Iterator, Sequence
@@ -119,6 +120,8 @@ def read_file(path: Path) -> bytes:
         SourceError: it cannot be read.
     """
     try:
+        if path.is_char_device():  # it may have no end
+            raise SourceError(f'image "{path}" is a device, not a file', path=str(path))
         return path.read_bytes()
     except OSError as error:
         raise SourceError(f'image "{path}" cannot be read: {error.strerror}', path=str(path)) from None
@@ -288,7 +291,8 @@ class PagesSource(Source):
                 continue
             found: Sequence[Image] = ()
             with contextlib.suppress(cv2.error, MemoryError):
-                found = cv2.imreadmulti(str(self._path), page, 1, flags=cv2.IMREAD_UNCHANGED)[1]
+                name_of: Any = os.fsencode(self._path)  # of a name that is no text OpenCV dies
+                found = cv2.imreadmulti(name_of, page, 1, flags=cv2.IMREAD_UNCHANGED)[1]
             image = _tiff_page(found[0] if found else None, data, page)
             if image is None:
                 raise SourceError(f'"{self._path}": page {page} cannot be read', path=str(self._path), page=page)

@@ -145,7 +145,7 @@ class JsonLines:
         """Add a frame."""
         file = self._own or sys.stdout
         fields = result_fields(frame, result, outline=self._outline)
-        file.write(json.dumps(fields, ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n")
+        file.write(json.dumps(fields, allow_nan=False, separators=(",", ":")) + "\n")
         file.flush()
 
     def close(self) -> None:

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from grasptrack import arguments
 from grasptrack.errors import SourceError
 from grasptrack.io.bags.source import is_bag, open_bag
 from grasptrack.io.base import Frame, Source
@@ -35,6 +36,7 @@ _OPENERS: dict[str, Opener] = {"camera": open_webcam, **dict.fromkeys(SCHEMES, o
 _KINDS = "a folder, a glob, a video file, camera:0 or an image"
 
 
+@arguments.checked(fps=arguments.optional(arguments.number), settings=arguments.optional(arguments.instance(Mapping)))
 def open_source(
     spec: str | os.PathLike[str], fps: float | None = None, *, settings: Mapping[str, str] | None = None
 ) -> Source:

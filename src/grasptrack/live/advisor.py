@@ -19,6 +19,7 @@ from grasptrack.live.inbox import Arrival
 from grasptrack.live.settings import Settings
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.live_wire import LiveWire
+from grasptrack.segmentation.segmenters import asked_regions
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.trackability import inspect_scene
 from grasptrack.trackability.report import describe_expectation, describe_reasons
@@ -213,7 +214,7 @@ def outline_under(command: Hover, arrival: Arrival, settings: Settings) -> Hover
     image = to_bgr(arrival.frame.image)
     try:
         hints = FirstImage.of((command.x, command.y)).within(image.shape)
-        regions = settings.segmenter.regions(image, hints)
+        regions = asked_regions(settings.segmenter, image, hints)
     except GraspTrackError:
         return empty
     if not regions:

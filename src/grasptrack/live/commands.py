@@ -14,6 +14,7 @@ from dataclasses import MISSING, dataclass, fields
 from typing import Any, Literal, get_args, get_type_hints
 
 from grasptrack.errors import InputError
+from grasptrack.grasp.contacts import MOST_CONTACTS
 from grasptrack.servo.goal import Goal
 
 LARGEST = 1 << 16
@@ -21,7 +22,6 @@ LARGEST = 1 << 16
 FARTHEST = 1e6
 """px; no image is so large."""
 MOST_POINTS = 4096
-MOST_CONTACTS = 8
 LARGEST_NUMBER = 1 << 53
 """JavaScript has no larger whole numbers without gaps."""
 

@@ -84,7 +84,9 @@ def moment_to_json(shown: Shown) -> bytes:
         content["time"] = None if frame.time is None else _finite_or_none(frame.time)
         content["name"] = frame.name
         content["taken_ms"] = 1e3 * (time.time() - time.perf_counter() + shown.arrival.at)
-    return json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
+    return json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode(
+        errors="backslashreplace"
+    )
 
 
 _FIELDS = {

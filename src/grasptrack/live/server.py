@@ -12,6 +12,7 @@ import contextlib
 import json
 import secrets
 import socket
+import struct
 import threading
 import time
 from collections import deque
@@ -32,7 +33,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from grasptrack.errors import InputError
 from grasptrack.live.commands import LARGEST, command_of, parse_message
 from grasptrack.live.frames import Painter
-from grasptrack.live.guard import LOOPBACK, Guard
+from grasptrack.live.guard import TAKEN_AT_ONCE, Door, Guard
 from grasptrack.live.session import LiveSession
 from grasptrack.live.state import CurvePoint, Shown
 
@@ -53,6 +54,10 @@ AHEAD = 2
 LEAST_GAP = 0.03
 """s between two messages: a camera's 30 images/s are all shown, and of a file's 500 no more than an eye follows."""
 CHUNK = 1 << 16
+ELSEWHERE = "192.0.2.1"
+"""An address of no machine, kept for documents."""
+ADDRESS_OF = 0x8915
+"""Linux's SIOCGIFADDR; elsewhere it fails."""
 FORGIVEN = 100
 """Messages of one browser that may be malformed before it is sent away."""
 
@@ -62,13 +67,14 @@ class PageServer:
 
     Args:
         session: that is shown.
-        host: address to bind; any but the machine's own makes a token, without which nothing is answered.
+        host: address to bind.
         port: 0 takes a free one.
-        token: that requests have to know; None makes one where it is needed.
+        token: that requests have to know; None makes one.
+        name: under which others reach this machine, for `urls`; None takes its addresses.
         listener: what `bind_socket` gave for this address, where it was to be known to be free before the session.
 
     Attributes:
-        url: of the page, with the token where there is one.
+        urls: under which the page can be reached, with the token; `url` is the first of them.
         hub: its `round_trips` are s from when an image came out of its source until a browser said that it is drawn.
 
     Raises:
@@ -81,13 +87,19 @@ class PageServer:
         host: str = "127.0.0.1",
         port: int = 0,
         token: str | None = None,
-        listener: socket.socket | None = None,
+        name: str | None = None,
+        listener: Door | None = None,
     ) -> None:
         self._socket = bind_socket(host, port) if listener is None else listener
         self.port: int = self._socket.getsockname()[1]
-        self.token = token if token is not None or host in LOOPBACK else secrets.token_urlsafe(24)
+        self.token = secrets.token_urlsafe(24) if token is None else token
+        self._socket.token = self.token
         self.hub = Hub(session)
-        app = Guard(make_application(session, self.hub), host, self.port, self.token)
+        app = Guard(make_application(session, self.hub), self.token, self._socket.let_in)
+
+        async def sweep() -> None:
+            self._socket.sweep()
+
         config = uvicorn.Config(
             app,
             lifespan="off",
@@ -97,13 +109,19 @@ class PageServer:
             server_header=False,
             ws_max_size=LARGEST,
             ws_per_message_deflate=False,
-            limit_concurrency=8 * MOST_CLIENTS,
+            proxy_headers=False,  # the connection is known by its own address
+            loop="asyncio",  # others accept without asking the door
+            backlog=TAKEN_AT_ONCE,
             timeout_graceful_shutdown=1,
+            callback_notify=sweep,
+            timeout_notify=1,
         )
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._serve_pages, name="grasptrack-page", daemon=True)
-        shown = f"[{host}]" if ":" in host else host
-        self.url = f"http://{shown}:{self.port}/" + (f"?token={self.token}" if self.token is not None else "")
+        names = (name,) if name else reached_at(host, self._socket.getsockname()[0])
+        shown = (f"[{each}]" if ":" in each else each for each in names)
+        self.urls = [f"http://{each}:{self.port}/?token={self.token}" for each in shown]
+        self.url = self.urls[0]
 
     def start(self) -> None:
         """Begin to serve, and wait until it does."""
@@ -305,7 +323,7 @@ class Conversation:
             self._hub.record_round_trip(shown)
 
 
-def bind_socket(host: str, port: int) -> socket.socket:
+def bind_socket(host: str, port: int) -> Door:
     """A socket that listens.
 
     Raises:
@@ -313,10 +331,10 @@ def bind_socket(host: str, port: int) -> socket.socket:
     """
     try:
         family, kind, proto, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        listener = socket.socket(family, kind, proto)
+        listener = Door(family, kind, proto)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(address)
-        listener.listen(128)
+        listener.listen()
     except (OSError, OverflowError, UnicodeError) as error:
         why = getattr(error, "strerror", None) or str(error)
         raise InputError(
@@ -325,6 +343,25 @@ def bind_socket(host: str, port: int) -> socket.socket:
             port=port,
         ) from None
     return listener
+
+
+def reached_at(host: str, bound: str) -> list[str]:
+    """Addresses of this machine at which a socket that is bound to one, or to all of them, is reached; the likeliest first."""
+    if bound not in ("0.0.0.0", "::"):
+        return [host]
+    found = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        with contextlib.suppress(OSError):
+            asking.connect((ELSEWHERE, 9))  # sends nothing: the system says from where it would
+            found.append(asking.getsockname()[0])
+        with contextlib.suppress(ImportError, OSError):
+            import fcntl
+
+            for _, interface in socket.if_nameindex():
+                with contextlib.suppress(OSError):
+                    told = fcntl.ioctl(asking.fileno(), ADDRESS_OF, struct.pack("256s", interface.encode()[:15]))
+                    found.append(socket.inet_ntoa(told[20:24]))
+    return [each for each in dict.fromkeys(found) if not each.startswith("127.")] or ["127.0.0.1"]
 
 
 def _file_response(path: Path) -> Response:

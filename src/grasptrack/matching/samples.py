@@ -86,6 +86,8 @@ class Sampled:
     @cached_property
     def self_alignments(self) -> Floats:
         """(k, 9) affine maps after which the outer contour lies on itself or nearly, without the identity."""
+        if not kernels.polygon_moments(self.outer, np.array([0, len(self.outer)], dtype=np.int64)).minor > 0.0:
+            return np.zeros((0, 9))  # it goes round one way nearly as much as the other
         found = kernels.initial_alignments(self.outer, self.outer, np.zeros((1, 2)), TWIN_COUNT, TWIN_APART, TWINS + 1)
         own = np.abs(np.mod(found[:, 1] + 0.5, 1.0) - 0.5) < TWIN_APART
         return np.ascontiguousarray(found[(found[:, 0] <= TWIN) & ~own, 2:])

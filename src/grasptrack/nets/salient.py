@@ -42,8 +42,8 @@ class SalientNet:
         if not self.path.is_file():
             raise InputError(f'there is no model file "{self.path}"', path=str(path))
         try:
-            self._net: Any = cv2.dnn.readNetFromONNX(str(self.path))
-        except cv2.error:  # its text names files of OpenCV's own
+            self._net: Any = cv2.dnn.readNetFromONNX(np.fromfile(self.path, np.uint8))
+        except (cv2.error, OSError):  # its text names files of OpenCV's own
             raise InputError(f'"{self.path}" cannot be read as an ONNX model', path=str(path)) from None
 
     def __reduce__(self) -> tuple[Any, ...]:

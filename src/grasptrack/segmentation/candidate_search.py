@@ -32,7 +32,7 @@ from grasptrack.segmentation.proposals import (
     propose_masks,
     propose_silhouettes,
 )
-from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, region_maps
+from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, asked_regions, region_maps
 from grasptrack.segmentation.shadow import without_shadow
 from grasptrack.segmentation.silhouettes import Silhouette, box_iou, polygon_silhouette, thin_share
 from grasptrack.segmentation.snapping import ALL_ROUND, OutlineSnapper, outline_agreement
@@ -93,7 +93,7 @@ class CandidateSearch:
     def __init__(self, colours: Pixels, said: FirstImage, segmenter: Segmenter | None) -> None:
         self._scene, self._said = PreparedImage(colours, said), said
         self._masks_only = isinstance(segmenter, OneMask)
-        regions = [] if segmenter is None or said.masked else list(segmenter.regions(colours, said))
+        regions = [] if segmenter is None or said.masked else asked_regions(segmenter, colours, said)
         if said.background is not None:
             if self._masks_only or said.masked:
                 raise InputError("a background and a mask both say where the object is: give one of them")

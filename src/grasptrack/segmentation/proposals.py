@@ -349,7 +349,7 @@ def _adds_ground(part: Silhouette, whole: Silhouette, scene: PreparedImage) -> b
     colours = scene.planes[top:bottom:px, left:right:px]
     a, b = (np.ascontiguousarray(shape.filled_window(window)[::px, ::px]) for shape in (part, whole))
     near, three = np.ones((2 * GAP_DEPTH + 1,) * 2, np.uint8), np.ones((3, 3), np.uint8)
-    if np.count_nonzero(a & ~cv2.dilate(b, three)) > OUTSIDE * np.count_nonzero(a):  # a rim is none of it
+    if np.count_nonzero(cv2.dilate(b, three)[a > 0] == 0) > OUTSIDE * np.count_nonzero(a):  # a rim is none of it
         return False
     more = (cv2.erode(b, three) > 0) & (cv2.dilate(a, near) > 0) & (cv2.dilate(a, three) == 0)
     inside, around = cv2.erode(a, three) > 0, cv2.dilate(b, np.ones((5, 5), np.uint8)) == 0

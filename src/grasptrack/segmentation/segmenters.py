@@ -9,7 +9,7 @@ returns one mask.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
@@ -111,6 +111,19 @@ class OneMask:
     def regions(self, image: Pixels, hints: FirstImage) -> Sequence[Region]:
         """See Segmenter."""
         return [Region(self.segment(image))]
+
+
+def asked_regions(segmenter: Segmenter, image: Pixels, hints: FirstImage) -> list[Region]:
+    """What a segmenter proposes.
+
+    Raises:
+        InputError: what it returns are no regions.
+    """
+    given: Any = segmenter.regions(image, hints)
+    found = list(given) if isinstance(given, Iterable) else [given]
+    if not all(isinstance(each, Region) for each in found):
+        raise InputError("a segmenter's regions(image, hints) must return a sequence of Region, [] where there is none")
+    return found
 
 
 def region_maps(regions: Sequence[Region], size: tuple[int, ...]) -> tuple[list[Floats32], list[Floats32]]:

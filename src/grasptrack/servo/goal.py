@@ -38,6 +38,12 @@ ALIKE_MISFIT = 1.15
 
 
 @compared_by_value
+@arguments.checked(
+    kind=arguments.text,
+    opening=arguments.optional(arguments.finite),
+    beyond=arguments.finite,
+    symmetric=arguments.truth,
+)
 @dataclass(frozen=True)
 class Goal:
     """A goal of the servo. Make one by `Goal.fingertips` or `Goal.taught`.
@@ -55,6 +61,10 @@ class Goal:
     opening: float | None = None
     beyond: float = 0.0
     symmetric: bool = True
+
+    def __post_init__(self) -> None:
+        """Check the points."""
+        object.__setattr__(self, "points", _check_points(self.points))
 
     def __repr__(self) -> str:
         """One line: kind and places."""

@@ -43,6 +43,7 @@ class Gain:
         if not (self.near > 0.0 and self.far > 0.0 and self.fall > 0.0):
             raise InputError("gains are positive", gain=repr(self))
 
+    @arguments.checked(arguments.number)
     def at(self, error: float) -> float:
         """1/s."""
         return self.far + (self.near - self.far) * math.exp(-error / self.fall)

@@ -75,6 +75,7 @@ class Exploration:
         if not (self.way > 0.0 and self.turn > 0.0 and self.seconds > 0.0):
             raise InputError("exploratory moves are positive", exploration=repr(self))
 
+    @arguments.checked(arguments.finite, axis=arguments.whole)
     def twist(self, axis: int, elapsed: float, seconds: float, larger: float) -> Floats:
         """(6,) at a time since a move of so many seconds along an axis began, 0 after its end; `larger` multiplies the way."""
         out = np.zeros(6)

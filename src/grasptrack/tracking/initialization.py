@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -250,7 +250,10 @@ def _choose_grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> 
     if wish.said.grasp is not None:
         return [_placed_grasp(wish.said.grasp, candidate.view, wish)], ""
     if wish.choose is not None:
-        chosen = list(wish.choose(candidate.view))
+        given: Any = wish.choose(candidate.view)
+        chosen = list(given) if isinstance(given, Iterable) else [given]
+        if not all(isinstance(grasp, Grasp) for grasp in chosen):
+            raise GraspError("choose must return grasps, a sequence of Grasp, [] where there is none")
         if any(len(grasp) != wish.fingers for grasp in chosen):
             raise GraspError(f"a grasp of {wish.fingers} contacts is to be chosen", fingers=wish.fingers)
         return chosen, "the choice that was given made none"

@@ -22,7 +22,7 @@ from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.closure_probability import CHANCE, ClosureCheck, Judgement
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
+from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_count, check_friction
 from grasptrack.grasp.hand import Hand, Length, checked_length
 from grasptrack.images import Grey
 from grasptrack.segmentation.candidate import Candidate, distinct_candidates
@@ -139,7 +139,7 @@ class GraspTracker:
 
     Raises:
         StrategyError: unknown strategy, or more fingers than it can carry.
-        GraspError: contacts that are none, or fewer than two fingers.
+        GraspError: contacts that are none, fewer than two fingers, or more than 8.
         InputError: friction not positive, a risk or probability out of range, both a pixel and a box, both a grasp and a
             choice, both a calibration and an aspect, a length or an aspect not above 0, or a number below 1.
     """
@@ -258,6 +258,8 @@ class GraspTracker:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy has a lock of its own."""
+        if not vars(GraspTracker()).keys() - {"_turn", "_scene"} <= state.keys():
+            raise InputError("this is no tracker of this version of grasptrack: track anew")
         self.__dict__.update(state, _turn=threading.Lock(), _scene=None)
 
     # --- Fig. 3 ----------------------------------------------------------------------------------
@@ -511,6 +513,7 @@ def _checked_fingers(fingers: int, strategy: str, given: Grasp | None) -> int:
         raise StrategyError(
             f"grasps are synthesised for 2 or 3 fingers, not {fingers}; give the contacts", fingers=fingers
         )
+    check_count(fingers)
     return fingers
 
 

@@ -12,9 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.geometry.contours import Contour, Outline, View
 from grasptrack.grasp.contacts import Grasp
+from grasptrack.images import to_bgr
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.trackability.result import Suitability
 from grasptrack.tracking.result import TrackResult
@@ -39,6 +41,7 @@ class Drawing(np.ndarray[tuple[Any, ...], np.dtype[np.uint8]]):  # to inherit fr
         return png_bytes(self) if self.ndim == 3 and self.shape[2] == 3 and self.size else None
 
 
+@arguments.checked(image=arguments.optional(arguments.array(unbounded=True)), title=arguments.text)
 def draw(image: NDArray[Any] | None, found: Drawable, title: str = "") -> Drawing:
     """An image with what was found in it.
 
@@ -54,8 +57,7 @@ def draw(image: NDArray[Any] | None, found: Drawable, title: str = "") -> Drawin
     Raises:
         InputError: no image, or something that cannot be drawn.
     """
-    if image is not None and (np.ndim(image) not in (2, 3) or not np.size(image)):
-        raise InputError(f"an image is an array (H, W), (H, W, 3) or (H, W, 4), not {np.shape(image)}")
+    image = None if image is None else to_bgr(image)
     if isinstance(found, Suitability):
         return _inspection_page(_ground_for(found.view.points) if image is None else image, found, title)
     if isinstance(found, TrackResult):

@@ -20,6 +20,9 @@ GROUP = 6
 LEAST_GROUPS = 4
 """On each contour, however short."""
 
+SAME_PLACE = 1e-9
+"""Of the object's size: contacts that lie no farther apart are one."""
+
 
 class Candidates(NamedTuple):
     """Places on an outline at which a finger may stand.
@@ -189,7 +192,9 @@ def stable_pairs(at: Candidates, friction: float) -> Stable:
     """For every two stretches of candidates the best stable pair."""
     worth = np.where(at.usable, flatness_term(at.roughness), -1.0)
     index, sense, need = kernels.opposed_pairs(at.contacts, at.normals, worth, GROUP, friction)
-    return Stable(at, index, sense, need, friction)
+    way = np.abs(at.contacts[index[:, 0]] - at.contacts[index[:, 1]]).max(axis=1, initial=0.0)
+    apart = way > SAME_PLACE * at.size  # an outline may touch itself
+    return Stable(at, index[apart], sense[apart], need[apart], friction)
 
 
 def stable_triples(at: Candidates, friction: float, count: int) -> Stable:

@@ -54,10 +54,17 @@ export class Connection {
     socket.onclose = () => {
       if (this.socket !== socket) return;
       this.handlers.onLink(false);
+      this.askWhy();
       setTimeout(() => this.open(), this.wait);
       this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
     };
     this.socket = socket;
+  }
+
+  // Another run at this address has another token; the WebSocket does not say so.
+  async askWhy() {
+    const answer = await fetch("/").catch(() => null);
+    if (answer && answer.status === 403) this.handlers.onError(await answer.text());
   }
 
   // A moment and its image are shown together: what is drawn belongs to the image below it.
