@@ -208,11 +208,11 @@ def report_fit(looked: Sequence[PhotoLook]) -> None:
     weights = fit_logistic(np.array([r.signs.terms for r in fitted]), right, ties, look_counts(fitted))
     wrong = [r for r in fitted if not r.first]
     among = float(np.mean([r.three for r in wrong])) if wrong else 0.0
-    names = ("offset", *Signs._fields)
+    names = ("offset", "rating", "returned", "thin", "leaking")
     numbers = ", ".join(f'"{name}": {w:.2f}' for name, w in zip(names, weights.tolist(), strict=True))
     common.add_paragraph(f'Fitted to {len(fitted)} looks: {numbers}, "among": {among:.2f}')
     drawn = [r for r in looked if r.hint == "polygon" and r.probability > 0.0 and r.scene != BENCH]
-    terms = np.array([[r.signs.terms[2]] for r in drawn])
+    terms = np.array([[r.signs.terms[1]] for r in drawn])
     offset, returned = fit_logistic(terms, np.array([r.first for r in drawn])).tolist()
     common.add_paragraph(f'Fitted to {len(drawn)} polygons: "offset": {offset:.2f}, "returned": {returned:.2f}')
     told = cross_validated(fitted)

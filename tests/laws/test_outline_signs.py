@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import grasptrack as gt
+from grasptrack.segmentation.candidate import leaking_share
 from grasptrack.segmentation.closed_edges import lab_planes
-from grasptrack.segmentation.outline_colours import leaking_share
 from grasptrack.segmentation.silhouettes import Silhouette, thin_share, trace_silhouettes
 
 PLATE = (100, 100, 220, 240)

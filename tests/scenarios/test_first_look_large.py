@@ -150,7 +150,7 @@ BENCH = laid(grained(1, depth=12.0), PLATE, (75.0, 85.0, 95.0))
 def lamp_on(bench: np.ndarray, x: float, y: float) -> np.ndarray:
     """The bench with the sharp reflection of a lamp's shade."""
     disc = np.zeros(bench.shape[:2], np.float32)
-    cv2.ellipse(disc, (int(16 * x), int(16 * y)), (75 * 16, 45 * 16), 20, 0, 360, (1.0,), -1, cv2.LINE_AA, 4)
+    cv2.ellipse(disc, (int(16 * x), int(16 * y)), (120 * 16, 72 * 16), 20, 0, 360, (1.0,), -1, cv2.LINE_AA, 4)
     return bench + 60.0 * cv2.GaussianBlur(disc, (0, 0), 1.2)[..., None]
 
 

@@ -19,7 +19,6 @@ from grasptrack.images import PLAIN, Channel, Grey
 from grasptrack.presentation import png_of, to_dict
 from grasptrack.segmentation.closed_edges import Planes
 from grasptrack.segmentation.localization import LocalizedContour, background_within, localize_contour, localize_holes
-from grasptrack.segmentation.outline_colours import outward_normals, sample_colours
 from grasptrack.segmentation.silhouettes import Silhouette
 from grasptrack.typing import Floats, Pixels
 
@@ -36,6 +35,8 @@ ONE_SIGN = 0.9
 """Where at least this share of an outline rises outward, or falls, the object is dark, or light; otherwise it is mixed."""
 SIGN_REACH = 2.0
 """px to either side of an outline in which its rise is looked for."""
+MIN_LENGTH = 1e-9
+
 PLAIN_WEIGHTS = (0.114, 0.587, 0.299)
 """Of blue, green and red in plain grey."""
 BETTER = 1.5
@@ -46,6 +47,10 @@ FAINT = 0.3
 """An edge fainter than this share of the median is not required."""
 MIN_SHOWN = 0.95
 """A mixture shows at least this share of the outline that plain grey shows."""
+SIDE_DEPTH = 4.0
+"""px of the working image on either side of an outline at which colours are compared."""
+SIDE_SAMPLES = 128
+"""Points of an outline, some, at which they are."""
 COLOR_DISTANCE = 2.5
 """px on either side of the outline at which colours are compared."""
 COLOR_SAMPLES = 200
@@ -192,7 +197,7 @@ def _is_mostly_cut(outline: Contour) -> bool:
 
 def polarity_of(grey: Grey, outline: Contour) -> int:
     """+1 where nearly all of an outline rises outward, -1 where it falls, 0 where it is mixed."""
-    normals = np.ascontiguousarray(outward_normals(outline.points, 1))
+    normals = np.ascontiguousarray(_outward_normals(outline.points, 1))
     rise = kernels.search_along_normals(grey, outline.points, normals, SIGN_REACH, 0)[:, 1]
     total = float(np.abs(rise).sum())
     share = float(rise[rise > 0.0].sum()) / total if total > 0.0 else 0.5
@@ -200,6 +205,31 @@ def polarity_of(grey: Grey, outline: Contour) -> int:
 
 
 # --- colours -------------------------------------------------------------------------------------
+
+
+def leaking_share(shape: Silhouette, planes: Planes, px: int) -> float:
+    """Share of a region's outline outside which it looks as inside, rather than as outside: there it cuts through the object.
+
+    The planes (h, w, C) are of the image reduced by `px`.
+    """
+    points = (shape.boundary_points(SIDE_SAMPLES) - 0.5 * (px - 1)) / px
+    normals = _outward_normals(points, 2)
+    inside, outside = (_sample_colors(planes, points + side * SIDE_DEPTH * normals) for side in (-1.0, 1.0))
+    within, beyond = (np.linalg.norm(outside - np.median(of, axis=0), axis=1) for of in (inside, outside))
+    return float((within < beyond).mean())
+
+
+def _outward_normals(points: Floats, step: int) -> Floats:
+    """(n, 2) unit normals of a closed curve, of the chord from `step` points before each to as many after it."""
+    ahead = np.roll(points, -step, axis=0) - np.roll(points, step, axis=0)
+    lengths = np.maximum(np.hypot(*ahead.T), MIN_LENGTH)
+    return np.asarray(np.column_stack([ahead[:, 1], -ahead[:, 0]]) / lengths[:, None])
+
+
+def _sample_colors(image: Pixels | Planes, points: Floats) -> Floats:
+    """(n, C) colours at points (n, 2) px, clamped to the image (H, W, C)."""
+    column, row = np.rint(points).astype(np.intp).T
+    return np.asarray(image[row.clip(0, image.shape[0] - 1), column.clip(0, image.shape[1] - 1)], dtype=np.float64)
 
 
 def best_color_projection(image: Pixels, outline: Contour) -> Channel:
@@ -215,8 +245,8 @@ def best_color_projection(image: Pixels, outline: Contour) -> Channel:
     if image.ndim == 2:
         return PLAIN
     step = max(1, len(outline) // COLOR_SAMPLES)
-    points, normals = outline.points[::step], outward_normals(outline.points, 2)[::step]
-    within, beyond, farther = (sample_colours(image, points + k * COLOR_DISTANCE * normals) for k in (-1.0, 1.0, 2.0))
+    points, normals = outline.points[::step], _outward_normals(outline.points, 2)[::step]
+    within, beyond, farther = (_sample_colors(image, points + k * COLOR_DISTANCE * normals) for k in (-1.0, 1.0, 2.0))
     across, grain = beyond - within, beyond - farther
     between = across.T @ across / len(across)
     noise = grain.T @ grain / len(grain) + np.eye(3)

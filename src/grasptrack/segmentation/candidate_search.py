@@ -18,9 +18,9 @@ from grasptrack.segmentation.candidate import (
     candidate_of_one_level,
     contains_pixel,
     is_same_region,
+    leaking_share,
 )
 from grasptrack.segmentation.choice import Signs, choice_probabilities, drawn_probability, load_numbers, measure_worth
-from grasptrack.segmentation.outline_colours import leaking_share
 from grasptrack.segmentation.proposals import (
     GIVEN,
     MIN_EXTENT,

@@ -27,7 +27,6 @@ MIN_RATING, MIN_OVERLAP = 1e-6, 0.02
 """What logarithms' arguments are raised to, at least: of a rating, and of an overlap."""
 RATING_OFFSET = 1e-3
 """Added to a rating, so that its logarithm is finite."""
-MAX_LEAD = 2.0
 TIE = 8.0
 """For each unit of the lead: of two regions that are worth the same either may be meant, two fifths more settle it. From a part
 on a sheet, and equals: at 15 twice as many sure ones are wrong on scenes of other parts, at 6 no fewer than here."""
@@ -45,8 +44,8 @@ class ChoiceNumbers(NamedTuple):
     Attributes:
         map_power: of the overlap with a segmenter's map.
         box_power: of the overlap of boxes.
-        offset, rating, lead, returned, thin, leaking: of a logistic function: constant, and weights of `Signs.terms`. Times
-            `tie_factor` it is the probability.
+        offset, rating, returned, thin, leaking: of a logistic function: constant, and weights of `Signs.terms`. Times `tie_factor`
+            it is the probability.
         among: share of cases with a wrong first one in which another one is right.
     """
 
@@ -54,7 +53,6 @@ class ChoiceNumbers(NamedTuple):
     box_power: float
     offset: float
     rating: float
-    lead: float
     returned: float
     thin: float
     leaking: float
@@ -66,10 +64,10 @@ class Signs(NamedTuple):
 
     Attributes:
         rating: of its outline, 0 to 1.
-        lead: logarithm of its worth over that of the best that is plainly another region; counts up to MAX_LEAD.
+        lead: logarithm of its worth over that of the best that is plainly another region.
         returned: share of its outline that comes back when it is displaced, as of `snapping.OutlineSnapper`.
         thin: share of its outline on thin parts, as of `silhouettes.thin_share`.
-        leaking: share of its outline that cuts through the object, as of `outline_colours.leaking_share`.
+        leaking: share of its outline that cuts through the object, as of `candidate.leaking_share`.
     """
 
     rating: float
@@ -80,9 +78,10 @@ class Signs(NamedTuple):
 
     @property
     def terms(self) -> tuple[float, ...]:
-        """What a logistic function weighs."""
-        shares = (1.0 - self.returned, self.thin, self.leaking)
-        return math.log(self.rating + RATING_OFFSET), min(self.lead, MAX_LEAD), *map(soundness_term, shares)
+        """What a logistic function weighs: all but the lead."""
+        return math.log(self.rating + RATING_OFFSET), *map(
+            soundness_term, (1.0 - self.returned, self.thin, self.leaking)
+        )
 
 
 def soundness_term(bad: float) -> float:
@@ -140,7 +139,7 @@ def choice_probabilities(worth: Floats, signs: Signs, numbers: ChoiceNumbers) ->
     """
     if not len(worth):
         return np.zeros(0)
-    weights = (numbers.rating, numbers.lead, numbers.returned, numbers.thin, numbers.leaking)
+    weights = (numbers.rating, numbers.returned, numbers.thin, numbers.leaking)
     log_odds = numbers.offset + sum(w * t for w, t in zip(weights, signs.terms, strict=True))
     first = logistic(log_odds) * tie_factor(signs.lead)
     rest = np.exp(worth[1:] - worth[0])
