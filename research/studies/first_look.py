@@ -158,7 +158,7 @@ def generator_rows(photos: Sequence[Photo], segmenter: Segmenter | None) -> list
 
 def fit_logistic(terms: Floats, right: Bools, factor: Floats | float = 1.0, counts: Floats | float = 1.0) -> Floats:
     """(1 + k,) constant and weights of a logistic function of terms (n, k), with a ridge; what it is multiplied by is given,
-    and how much each look counts."""
+    and how much each look counts. No weight is negative: what speaks for an outline never makes it less likely."""
     from scipy.optimize import minimize  # of the development extras
 
     middle, spread = terms.mean(axis=0), terms.std(axis=0) + 1e-9
@@ -168,7 +168,8 @@ def fit_logistic(terms: Floats, right: Bools, factor: Floats | float = 1.0, coun
         told = np.clip(factor / (1.0 + np.exp(-scaled @ weights)), 1e-9, 1.0 - 1e-9)
         return float(RIDGE * (weights[1:] ** 2).sum() - (counts * np.log(np.where(right, told, 1.0 - told))).sum())
 
-    found = np.asarray(minimize(logistic_cost, np.zeros(scaled.shape[1])).x, dtype=np.float64)
+    bounds = [(None, None)] + [(0.0, None)] * terms.shape[1]
+    found = np.asarray(minimize(logistic_cost, np.zeros(scaled.shape[1]), bounds=bounds).x, dtype=np.float64)
     slopes = found[1:] / spread
     return np.concatenate([[found[0] - float(slopes @ middle)], slopes])
 

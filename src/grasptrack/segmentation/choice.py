@@ -44,8 +44,8 @@ class ChoiceNumbers(NamedTuple):
     Attributes:
         map_power: of the overlap with a segmenter's map.
         box_power: of the overlap of boxes.
-        offset, rating, returned, thin, leaking: of a logistic function: constant, and weights of `Signs.terms`. Times `tie_factor`
-            it is the probability.
+        offset, rating, returned, thin, leaking: of a logistic function: constant, and weights of `Signs.terms`. Times
+            `tie_factor` it is the probability.
         among: share of cases with a wrong first one in which another one is right.
     """
 

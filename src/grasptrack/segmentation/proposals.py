@@ -377,10 +377,11 @@ def is_alike(one: Silhouette, other: Silhouette) -> bool:
 def _is_simpler(p: OutlineProposal, other: OutlineProposal, scene: PreparedImage) -> bool:
     """Whether a proposal shows nearly the same region as another in a simpler way, with no piece bitten out of it.
 
-    Print at the border bites into a threshold's region. Ground that is missing is no bite.
+    Print at the border bites into a threshold's region. Ground that is missing is no bite. What was given may have sides
+    that the image does not show.
     """
-    if p.simplicity <= other.simplicity:
-        return False
+    if p.simplicity <= other.simplicity or other.recipe == GIVEN:
+        return p.simplicity > other.simplicity
     outline = other.silhouette.outer.astype(np.float64)
     agree = outline_agreement(p.silhouette, outline, SAME_OUTLINE) >= ALL_ROUND
     return agree or _adds_ground(p.silhouette, other.silhouette, scene)
