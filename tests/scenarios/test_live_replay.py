@@ -44,6 +44,8 @@ def recorded(path: Path) -> list[dict[str, Any]]:
 
     with path.open("rb") as file:
         found = [json.loads(m.data) for _, _, m in make_reader(file).iter_messages(topics=["/grasptrack/result"])]
+    for each in found:  # images are counted from another one
+        each["last_seen"] = each["last_seen"] and [each["frame"] - at for at in each["last_seen"]]
     return [{key: value for key, value in each.items() if key not in ("latency_ms", "frame")} for each in found]
 
 
