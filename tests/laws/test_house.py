@@ -11,11 +11,11 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 39_615,
-    "src/grasptrack/tracking": 7_531,
+    "src/grasptrack": 39_620,
+    "src/grasptrack/tracking": 7_534,
     "src/grasptrack/servo": 4_874,
     "src/grasptrack/io": 5_405,
-    "src/grasptrack/segmentation": 3_905,
+    "src/grasptrack/segmentation": 3_907,
     "src/grasptrack/cli": 2_990,
     "src/grasptrack/live": 2_400,
     "src/grasptrack/view": 1_987,

@@ -377,11 +377,13 @@ def is_alike(one: Silhouette, other: Silhouette) -> bool:
 def _is_simpler(p: OutlineProposal, other: OutlineProposal, scene: PreparedImage) -> bool:
     """Whether a proposal shows nearly the same region as another in a simpler way, with no piece bitten out of it.
 
-    Print at the border bites into a threshold's region. Ground that is missing is no bite. What was given may have sides
-    that the image does not show.
+    Print at the border bites into a threshold's region, whose edges are no stronger then. Ground that is missing is no
+    bite. What was given may have sides that the image does not show.
     """
     if p.simplicity <= other.simplicity or other.recipe == GIVEN:
         return p.simplicity > other.simplicity
+    if p.rating.closed * p.rating.contrast > other.rating.closed * other.rating.contrast:
+        return True
     outline = other.silhouette.outer.astype(np.float64)
     agree = outline_agreement(p.silhouette, outline, SAME_OUTLINE) >= ALL_ROUND
     return agree or _adds_ground(p.silhouette, other.silhouette, scene)

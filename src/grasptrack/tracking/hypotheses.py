@@ -20,6 +20,7 @@ from grasptrack.tracking.pose import (
     changed_estimate,
     largest_sigma,
     lead_alike,
+    sane_area,
     worst_variance,
 )
 from grasptrack.tracking.state import MAX_LOG_ODDS, TrackState
@@ -89,6 +90,8 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     even = None
     if state.velocity is not None and not state.lost:
         even = np.asarray(target.handle.moved(state.last.G, state.velocity * state.steps), dtype=np.float64)
+        even = even if sane_area(target, even) else None  # over a long gap it may have turned to the plane's back
+    if even is not None:
         rest.insert(0, Hypothesis("moving on", even, free))
     flow = None
     if not state.lost:
