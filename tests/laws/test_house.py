@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_554,
     "research": 9_051,
     "native": 6_893,
-    "tests": 41_246,
+    "tests": 41_247,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 196
