@@ -84,7 +84,7 @@ def first_state(
         before: what is known of camera and tilt, as for `Plane`.
         time: s, of the image.
     """
-    numbers, look = target.numbers, Look(levels, target.A)
+    numbers, look, count = target.numbers, Look(levels, target.A), len(target.contacts)
     height, width = levels[0].shape
     before = before or Beforehand.of_unknown(numbers)
     nuisance_covariance = np.diag([(numbers.thickness_sd * target.size) ** 2, 0.0, 0.0, 0.0])
@@ -100,7 +100,7 @@ def first_state(
         nuisance_covariance=nuisance_covariance,
         plane=Plane(target, width, height, before),
         sightings=ContactSightings(
-            target.contacts.copy(), np.zeros(len(target.contacts)), target.contacts, np.full(len(target.contacts), True)
+            target.contacts.copy(), np.zeros(count), np.zeros(count, np.int64), target.contacts, np.full(count, True)
         ),
         sides=numbers.sides,
         edge_width=target.edge_width,

@@ -70,7 +70,7 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     if decision.is_accepted or decision.code == "outline-open":
         state.sightings.add(e.contacts, contact_testimony(state, e), state.passed_s, numbers)
     else:
-        state.sightings.since_s += state.passed_s
+        state.sightings.pass_image(state.passed_s)
     if not decision.is_accepted:  # where it is, is known only roughly
         return
     if state.sightings.have_moved(e.contacts, numbers).all():
@@ -105,7 +105,7 @@ def lose(
         lookalike: the last look at it shows something just like it elsewhere.
     """
     state.lookalike = state.lookalike or lookalike
-    state.sightings.since_s += state.passed_s
+    state.sightings.pass_image(state.passed_s)
     e, background = decision.estimate, predictions.background
     if not state.lost and state.velocity is not None:
         state.coasting = Coasting(state.last.G, state.velocity)

@@ -11,7 +11,7 @@ from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.plane import Plane
 from grasptrack.tracking.pose import Look, sane_area
 from grasptrack.tracking.target import Grey, Target
-from grasptrack.typing import Bools, Floats
+from grasptrack.typing import Bools, Floats, Ints
 
 NO_BEND: Floats = np.zeros((3, 8))
 """The bend of what does not move, or of what moves in an unknown way."""
@@ -154,6 +154,7 @@ class ContactSightings:
     Attributes:
         places: (k, 2) px where it was then.
         since_s: (k,) s that have passed since.
+        images: (k,) images that have come since.
         first: (k, 2) px where it was in the first view.
         open: (k,) no view in which it had moved has shown it yet.
         doubt: probability that the first outline is another object's; 0 where a person gave the contacts.
@@ -161,16 +162,22 @@ class ContactSightings:
 
     places: Floats
     since_s: Floats
+    images: Ints
     first: Floats
     open: Bools
     doubt: float = 0.0
 
     def add(self, contacts: Floats, testified: Floats, seconds: float, numbers: Numbers) -> None:
         """An answer, `seconds` after the last image, in which each contact (k, 2) px was seen by a share (k,)."""
-        self.since_s += seconds
+        self.pass_image(seconds)
         own = testified >= SEEN
-        self.places[own], self.since_s[own] = contacts[own], 0.0
+        self.places[own], self.since_s[own], self.images[own] = contacts[own], 0.0, 0
         self.open &= ~(own & self.have_moved(contacts, numbers))
+
+    def pass_image(self, seconds: float) -> None:
+        """An image, `seconds` after the last one, that shows none of them for certain."""
+        self.since_s += seconds
+        self.images += 1
 
     def have_moved(self, contacts: Floats, numbers: Numbers) -> Bools:
         """(k,) which contacts (k, 2) px have left their places of the first view: what stands there has not."""

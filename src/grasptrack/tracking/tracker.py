@@ -54,7 +54,6 @@ class Track:
         ruler: tells how far it is; None where nobody said how long the object is, or it is cut off in the first view.
         mended: whether the outline is another than the first view's by now.
         false_edge: px by which a contact lies beside that outline, where it is too much; else 0.
-        last_seen: (k,) index of the last update in which each contact was seen itself.
     """
 
     number: int
@@ -64,7 +63,6 @@ class Track:
     ruler: Ruler | None = None
     mended: bool = False
     false_edge: float = 0.0
-    last_seen: NDArray[np.int64] | None = None
 
     def distance_in(self, homography: Floats, covariance: Floats) -> Distance:
         """Of the object in a view, of H_current_reference (3, 3) and the covariance (9, 9) of its entries."""
@@ -358,8 +356,7 @@ class GraspTracker:
         self._grasps += 1
         grasp, follower = start.grasp, start.carrier.follower
         closure = _make_closure_check(grasp, candidate.view, self.friction)
-        ruler, seen = self._make_distance_ruler(follower), np.full(len(grasp), self._frame)
-        self._track = track = Track(self._grasps, closure, start.carrier, follower, ruler, last_seen=seen)
+        self._track = track = Track(self._grasps, closure, start.carrier, follower, self._make_distance_ruler(follower))
         return _located_result(
             moment,
             track,
@@ -575,8 +572,6 @@ def _located_result(
     tilt, distance = plane.tilt_in(H, C), track.distance_in(H, C)
     status, reason = _judged_status(judged, chance, plane.rectifications.told)
     state, contacts = track.follower.state, found["contacts"]
-    if track.last_seen is not None:
-        track.last_seen[state.sightings.since_s == 0.0] = moment.frame
     if status == "tracked" and state.sightings.are_stale(contacts, state.numbers):
         reason = StatusReason("contact-unseen")
     elif status == "tracked" and state.shows_sides(tilt.angle):
@@ -599,7 +594,7 @@ def _located_result(
         distance=distance.value,
         distance_sd=distance.sd,
         homography=H,
-        last_seen=None if track.last_seen is None else track.last_seen.copy(),
+        last_seen=moment.frame - state.sightings.images,
         **found,
     )
 
