@@ -75,6 +75,13 @@ def test_a_rough_outline_is_kept_where_there_is_no_edge() -> None:
     assert found.view.outer.area == pytest.approx(area_of(polygon), rel=0.12)
 
 
+def test_an_outline_longer_than_any_object_has_is_taken() -> None:
+    """A scribble of a finger over the whole image: 40,000 px of edges to look for."""
+    scribble = np.random.default_rng(3).uniform((100, 60), (540, 420), (2000, 2))
+    (found,) = gt.first_look(bench(PLATE), outline=scribble)
+    assert found.view.outer.area > 0.5 * 440 * 360
+
+
 def test_the_tracker_takes_a_drawn_object_and_follows_it() -> None:
     tracker = gt.GraspTracker(outline=PLATE + 4)
     statuses = [tracker.update(bench(PLATE + 3 * i)).status for i in range(4)]

@@ -24,7 +24,7 @@ from grasptrack.typing import Bools, Floats, Floats32
 
 STEP, COARSE_STEP = 2.0, 4.0
 """px between the points that are moved, and between those that are displaced to see whether they return."""
-MIN_POINTS = 16
+MIN_POINTS, MOST_POINTS = 16, 8192
 INSIDE_DEPTH, OUTSIDE_DEPTH = 5.0, 6.0
 """px inside an outline and outside it from which colours are those of the object and of its surroundings, if the outline
 is off by no more."""
@@ -199,7 +199,7 @@ def _resample_polygon(polygon: Floats, step: float) -> tuple[Floats, Floats]:
     """Points along a closed polygon, `step` px apart, and its unit normals, outward, of a tangent over a few points."""
     closed = np.vstack([polygon, polygon[:1]])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
-    n = max(MIN_POINTS, round(along[-1] / step))
+    n = min(max(MIN_POINTS, round(along[-1] / step)), MOST_POINTS)
     t = np.arange(n) * (along[-1] / n)
     points = np.column_stack([np.interp(t, along, closed[:, 0]), np.interp(t, along, closed[:, 1])])
     tangents = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
