@@ -31,6 +31,7 @@ REMEDIES = {
     "other-shape": "look at the first outline in overlay.mp4: where it is wrong, give --outline, --object or a mask",
     "apart": "a part that opens or comes apart needs a grasp on one piece of it; take away what covers its edge",
     "outline-open": "look at the first outline in overlay.mp4: say which is meant (--outline, a mask), or give --grasp",
+    "image-fixed": "leave out what lies over the image, as a crosshair, a watermark or dirt on the lens (--ignore FILE)",
     "other-surface": "avoid glare and hard shadows; where the object was exchanged, start anew",
     "ambiguous": "put a mark on the object that tells its turn, or keep the ground's texture in view",
     "lookalike": "keep equal parts apart, start while one is in view or all are at rest, say how a belt moves (--belt)",

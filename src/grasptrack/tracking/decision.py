@@ -16,6 +16,7 @@ from grasptrack.kernels.results import SurfaceEvidence
 from grasptrack.tracking.evidence import (
     apart_probability,
     departure_probability,
+    fixed_probability,
     missing_evidence,
     other_surface_odds,
     outline_evidence,
@@ -51,6 +52,7 @@ CODES = (
     "other-surface",
     "apart",
     "outline-open",
+    "image-fixed",
     "ambiguous",
     "strategy-off",
     "lookalike",
@@ -89,6 +91,7 @@ class Decision:
         rival_share: probability of the contacts where the rival has them.
         risk: probability from which on the estimate is not accepted.
         alias: probability that an equal of the object is followed.
+        marks: (3, 3) where what is fixed in the image was taken for the object's surface; None where nothing was.
     """
 
     estimate: PoseEstimate | None
@@ -104,6 +107,7 @@ class Decision:
     rival_share: float = 0.0
     risk: float = NUMBERS.risk
     alias: float = 0.0
+    marks: Floats | None = None
 
     @property
     def is_accepted(self) -> bool:
@@ -270,7 +274,9 @@ def other_size_probability(state: TrackState, estimate: PoseEstimate, ground: Po
 # --- the decision ---------------------------------------------------------------------------------
 
 
-def decide_pose(state: TrackState, estimates: list[PoseEstimate], expected: Expected) -> Decision:
+def decide_pose(
+    state: TrackState, estimates: list[PoseEstimate], expected: Expected, marks: Floats | None = None
+) -> Decision:
     """The most probable estimate, against the others and against none of them.
 
     A softmax over the places where the object may be, of which one is nowhere:
@@ -292,6 +298,7 @@ def decide_pose(state: TrackState, estimates: list[PoseEstimate], expected: Expe
         state: of the object.
         estimates: of one image.
         expected: what continuity says of it.
+        marks: see `Decision`.
     """
     if not estimates:
         return NOTHING
@@ -316,13 +323,15 @@ def decide_pose(state: TrackState, estimates: list[PoseEstimate], expected: Expe
     other = wrong_object_probability(state, chosen, expected.steps, surfaces[best])
     apart = apart_probability(state, chosen)
     false_edge = outline_open_probability(state, chosen)
-    off, here = any_of(absent, outside, other, apart, state.alias, false_edge), own / (own + elsewhere)
+    fixed = fixed_probability(state, chosen, marks)
+    off, here = any_of(absent, outside, other, apart, state.alias, false_edge, fixed), own / (own + elsewhere)
     sigma, place = math.sqrt(variance), {"presence": here, "edges": chosen.edge_share}
     unlike = "other-shape" if chosen.other_shape > 0.0 else "other-surface"
     worst, doubt, told = max(
         (false_edge, "outline-open", {"probability": false_edge}),
         (state.alias, "lookalike", place),
         (apart, "apart", {"probability": apart}),
+        (fixed, "image-fixed", {"probability": fixed}),
         (outside, "uncertain", {"sigma": sigma, "tolerance": allowed}),
         (other, unlike, {"probability": other}),
         key=lambda each: each[0],
@@ -337,8 +346,9 @@ def decide_pose(state: TrackState, estimates: list[PoseEstimate], expected: Expe
         there = [k for k in rivals if max_contact_distance(estimates[k].contacts, rival.contacts) <= allowed]
         share = sum(math.exp(scores[k] - top) for k in there) / (own + elsewhere)
     figures = {"probability_off": off} | told
+    evidence, risk = seen[best], numbers.risk
     return Decision(
-        chosen, off, here, sigma, allowed, other, seen[best], doubt, figures, rival, share, numbers.risk, state.alias
+        chosen, off, here, sigma, allowed, other, evidence, doubt, figures, rival, share, risk, state.alias, marks
     )
 
 

@@ -6,10 +6,12 @@ import math
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels.results import SurfaceEvidence
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.pose import SAME_PLACE, PoseEstimate
 from grasptrack.tracking.state import SEEN, TrackState
+from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats
 
 SHARES_MISSING = np.linspace(0.02, 0.98, 25)
@@ -38,6 +40,8 @@ EXCHANGED = 0.1
 """Prior probability that something else lies in its place, after an image that showed it."""
 LEAST_AGREEING = 0.05
 """Share of patches that usually agree, below which there is no surface to speak of."""
+STILL_FROM = 1.0
+"""px that something has moved, from which on it stands still no more."""
 MAX_EXPONENT = 50.0
 """Of odds: beyond it nothing changes."""
 
@@ -179,6 +183,24 @@ def outline_open_probability(state: TrackState, estimate: PoseEstimate) -> float
         return 0.0
     false = sightings.doubt / (sightings.doubt + (1.0 - sightings.doubt) * numbers.share_occluded)
     return false * float((unseen * np.maximum(0.0, 1.0 - contact_testimony(state, estimate) / SEEN)).max())
+
+
+def fixed_probability(state: TrackState, estimate: PoseEstimate, marks: Floats | None) -> float:
+    """Probability that what is seen is fixed in the image, as a crosshair, and not the object's.
+
+    Only where marks (3, 3) were taken for it before: they stood still while something else moved on. What lies there now, and
+    how much more surprising than usual its outline then is, tells the rest.
+    """
+    if marks is None or not stands_at(state.target, estimate.G, marks):
+        return 0.0
+    odds = state.numbers.fixed * math.exp(max(0.0, outline_surprisal(estimate, state.numbers) - state.strange))
+    return odds / (1.0 + odds)
+
+
+def stands_at(target: Target, G: Floats, there: Floats) -> bool:
+    """Whether two poses (3, 3) have the middle of an object at one place of the image."""
+    here, other = (apply_homography(each, target.centre[None])[0] for each in (G, there))
+    return math.dist(here, other) < STILL_FROM
 
 
 def agreeing_share(estimate: PoseEstimate) -> float:

@@ -10,7 +10,7 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import PoseFlow, seen_area
 from grasptrack.tracking.decision import Decision, Expected, decide_pose
 from grasptrack.tracking.estimator import estimate_pose
-from grasptrack.tracking.evidence import expected_texture, outline_evidence, pose_evidence, texture_evidence
+from grasptrack.tracking.evidence import STILL_FROM, expected_texture, outline_evidence, pose_evidence, texture_evidence
 from grasptrack.tracking.patches import LEAST_NOISE
 from grasptrack.tracking.pose import (
     CONTINUOUS,
@@ -37,8 +37,8 @@ BACKGROUND_EVERY = 4
 """Usual intervals after which it is asked anew whether the object rests on the ground, where its texture tells its motion."""
 AGREE_DISTANCE = 20.1
 """Squared Mahalanobis distance of predictions that agree: 99 % of chi-squared with 8 degrees of freedom."""
-STILL_FROM, STILL_SHARE = 1.0, 0.25
-"""px that something else has moved, from which on what stands still may be the image's own, and share of that which is rest."""
+STILL_SHARE = 0.25
+"""Share of what something else has moved that is rest."""
 LEAST_SHARE = 1e-12
 """Of the largest variance, that along an axis at least, where a covariance is inverted."""
 LEAST_OF_USUAL = 0.5
@@ -195,6 +195,7 @@ class Solutions:
     Attributes:
         found: one estimate of each hypothesis that has one.
         expected: as given; more may become known.
+        marks: see `Decision`.
     """
 
     def __init__(
@@ -208,13 +209,13 @@ class Solutions:
         self._background = background
         self.found: list[PoseEstimate] = []
         self.expected = expected
-        self._state, self._levels = state, levels
+        self._state, self._levels, self.marks = state, levels, state.marks
         self._second: list[tuple[PoseEstimate, PoseEstimate | None]] = []
         self.add(hypotheses)
 
     def decide_among(self) -> Decision:
         """What is decided of all that is found."""
-        return decide_pose(self._state, self.found, self.expected)
+        return decide_pose(self._state, self.found, self.expected, self.marks)
 
     def add(self, hypotheses: list[Hypothesis]) -> None:
         """Make hypotheses exact; of a lost object those that do not lead to what was found already."""
@@ -272,6 +273,8 @@ class Solutions:
         ground = self._background
         if ground is not None and not self._stands_still(estimate, ground):
             ground = None
+        if ground is not None:
+            self.marks = estimate.G
         if (own < least and ground is None) or not estimate.texture_agreeing:
             return estimate
         start = estimate.G
@@ -281,10 +284,10 @@ class Solutions:
         other = estimate_pose(state, self._levels, alone, still=still, surface=False)
         if other is None or lead_alike(target, other, estimate):
             return estimate
-        covered = max(estimate.hidden, other.hidden) > numbers.elsewhere
+        gain, fails = outline_evidence(other, numbers) - outline_evidence(estimate, numbers), numbers.risk
+        covered = max(estimate.hidden, other.hidden) > numbers.elsewhere and gain < -math.log(fails)
         if ground is not None or (not covered and self._stands_still(estimate, other.G)):
             # what is fixed in the image explains a surface at rest as well as the object does
-            gain, fails = outline_evidence(other, numbers) - outline_evidence(estimate, numbers), numbers.risk
             if gain < math.log(fails):
                 return estimate
         elif not self._is_whole(other):
@@ -293,6 +296,8 @@ class Solutions:
             gain, fails = pose_evidence(state, other) - pose_evidence(state, estimate), numbers.witness_fails
         gain = min(max(gain, -MAX_LOG_ODDS), MAX_LOG_ODDS)
         right = min(max(1.0 / (1.0 + math.exp(-gain)), fails), 1.0 - fails)
+        if right > 0.5 and self._stands_still(estimate, other.G):
+            self.marks = estimate.G
         better, worse, less = (other, estimate, 1.0 - right) if right > 0.5 else (estimate, other, right)
         found: PoseEstimate = target.handle.unsure(better, worse, less)
         return changed_estimate(found, confirmed=estimate.confirmed)

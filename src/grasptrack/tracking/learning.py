@@ -8,7 +8,7 @@ import numpy as np
 from grasptrack.errors import ConditioningError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.decision import Decision, squared_way
-from grasptrack.tracking.evidence import agreeing_share, contact_testimony, outline_surprisal
+from grasptrack.tracking.evidence import agreeing_share, contact_testimony, outline_surprisal, stands_at
 from grasptrack.tracking.hypotheses import Predictions
 from grasptrack.tracking.pose import CONTINUOUS, Look, PoseEstimate, is_at, mean_point
 from grasptrack.tracking.state import SHORTEST_STEP, Coasting, TrackState, nothing_visible
@@ -53,7 +53,9 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     target, numbers, steps = state.target, state.numbers, state.steps
     way = float(np.linalg.norm(target.pose_difference(state.last.G, e.G)))
     new = min(1.0, way / (numbers.new_view * target.size)) if math.isfinite(way) else 1.0
-    state.alias = decision.alias
+    state.alias, state.marks = decision.alias, decision.marks
+    if decision.is_accepted and state.marks is not None and not stands_at(target, e.G, state.marks):
+        state.marks = None
     _learn_motion(state, e, predictions)
     rigid = state.shutter.follow_pose(target, e.G, e.bend, steps)
     px = math.sqrt(2.0 * float(((e.contacts - target.carried_contacts(state.last.G)) ** 2).mean()))
@@ -105,6 +107,7 @@ def lose(
         lookalike: the last look at it shows something just like it elsewhere.
     """
     state.lookalike = state.lookalike or lookalike
+    state.marks = state.marks if decision.marks is None else decision.marks
     state.sightings.pass_image(state.passed_s)
     e, background = decision.estimate, predictions.background
     if not state.lost and state.velocity is not None:

@@ -20,6 +20,7 @@ SENTENCES = {
     "other-surface": "another surface: the object does not show what it showed before",
     "apart": "the edge under a contact lies elsewhere: it may not have moved with the rest of the object",
     "outline-open": "no view since the first one shows the edge under a contact: it may lie beside the object",
+    "image-fixed": "what is seen stands still in the image while something else moves on: it may be no part of the object",
     "ambiguous": "the outline fits itself in more than one way, and nothing tells them apart: ambiguous",
     "lookalike": "something just like the object was seen, and which of them this is cannot be told: ambiguous",
     # lost: of a strategy by itself

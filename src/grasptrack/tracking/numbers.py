@@ -74,6 +74,7 @@ class Numbers:
     lookalike: float
     deceived: float
     misled: float
+    fixed: float
     taken: float
     travel: float
     turn: float

@@ -57,6 +57,9 @@ NORMALS_TWICE = 2.0
 FIRST_CELL, REGION, CELL_POWER = 2.0, 0.45, 1.6
 """Cells beside the outline, from so many work px up to this share of sqrt(area), ever wider by this power: a notch or tab ends
 within it."""
+THIN, LEAST_THIN, SOLID = 0.02, 1.5, 0.8
+"""Half the width, share of sqrt(area) and work px at least, below which a part of an object is thin, and share of its area
+from which on what is not makes it solid."""
 LEVEL_SPREADS = 3.0
 """Spreads within which a cell has the level of a side."""
 
@@ -108,12 +111,13 @@ def make_target(
     work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
     samples = sample_evenly(work)
     normal_noise = _normal_noise(samples.noise, numbers)
-    edges = _detect_edges(levels, A, samples.points, samples.normals, noise)
+    mask: Grey = np.zeros((height, width), np.uint8)
+    cv2.fillPoly(mask, [np.round(p).astype(np.int32) for p, _, _ in work], 255)
+    solid = _beside_solid(mask, samples.points, size)
+    edges = _detect_edges(levels, A, samples.points[solid], samples.normals[solid], noise)
     edges = edges.select(_normal_errors(edges.points, edges.normals) < NORMAL_SDS * normal_noise)
     points, normals = edges.points, edges.normals
     outline = work[0][0]
-    mask: Grey = np.zeros((height, width), np.uint8)
-    cv2.fillPoly(mask, [np.round(p).astype(np.int32) for p, _, _ in work], 255)
     beyond = 2 * edges.half + 3  # the outline's own edge, as wide as it is, is no surface
     surface_mask = as_grey(cv2.erode(mask, np.ones((beyond, beyond), np.uint8)))
     surface = surface_samples(surface_mask)
@@ -186,6 +190,22 @@ def make_target(
         target,
         recipe,
     )
+
+
+def _beside_solid(mask: Grey, points: Floats, size: float) -> Bools:
+    """(n,) which samples of an outline lie beside what is solid of the object; all where most of it is thin.
+
+    What is thin on a solid object is a line that the first outline ran along, as of a crosshair or of letters, more often than
+    a part of its own; and of one that is, the rest tells where it lies.
+    """
+    radius = max(LEAST_THIN, THIN * size)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * math.ceil(radius) + 1,) * 2)
+    solid = cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc)
+    if np.count_nonzero(solid) < SOLID * np.count_nonzero(mask):
+        return np.ones(len(points), dtype=np.bool_)
+    away = cv2.distanceTransform(cv2.bitwise_not(solid), cv2.DIST_L2, 5)
+    x, y = np.clip(np.round(points).astype(int), 0, [mask.shape[1] - 1, mask.shape[0] - 1]).T
+    return np.asarray(away[y, x] <= radius + 1.0)
 
 
 class _Edges(NamedTuple):

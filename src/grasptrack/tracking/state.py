@@ -290,6 +290,7 @@ class TrackState:
         ways: squares of how far it went in the image, a frame, as `decision.squared_way` measures them.
         strays: the same of how far it was from where even motion had it.
         coasting: how it would go on moving, once it is lost; None where its motion was not known.
+        marks: (3, 3) where what is fixed in the image was taken for its surface, until it is seen elsewhere; None otherwise.
         wander: how far it left its place on the background of late, a frame, in `Numbers.travel`; wanders: how often that was
             measured.
         unseen: how far it may have gone since it was located, likewise.
@@ -347,6 +348,7 @@ class TrackState:
     moves: int = 0
     strays: FadingRatio = field(default_factory=lambda: FadingRatio(WAYS_PRIOR, WAYS_PRIOR))
     coasting: Coasting | None = None
+    marks: Floats | None = None
     anchored: bool = True
     ways: FadingRatio = field(default_factory=lambda: FadingRatio(WAYS_PRIOR, WAYS_PRIOR))
     wander: float = 1.0
