@@ -28,8 +28,9 @@ MIN_RATING, MIN_OVERLAP = 1e-6, 0.02
 RATING_OFFSET = 1e-3
 """Added to a rating, so that its logarithm is finite."""
 TIE = 8.0
-"""For each unit of the lead: of two regions that are worth the same either may be meant, two fifths more settle it. A choice, for
-parts on sheets and equals: at 15 more sure ones were wrong on scenes of other parts, at 6 fewer were sure and none less wrong."""
+"""For each unit of the lead: of two regions that are worth the same either may be meant, two fifths more settle it. A choice,
+for parts on sheets and equals: at 15 more sure ones were wrong on scenes of other parts, at 6 fewer were sure and none less
+wrong."""
 ALL_BUT = 0.02
 """Share of an outline that says nothing by not returning, by being thin, or by leaking."""
 OVERLAP_PIXELS = 48
