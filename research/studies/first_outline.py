@@ -6,8 +6,6 @@ from __future__ import annotations
 import itertools
 import math
 import zlib
-from contextlib import nullcontext
-from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -15,7 +13,6 @@ from numpy.typing import NDArray
 
 from grasptrack.demo.run import accept_limit
 from grasptrack.errors import GraspTrackError
-from grasptrack.tracking.mending import Mender
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
 from grasptrack_bench.method import chosen_grasp
@@ -32,9 +29,6 @@ KINDS = {
     "bridge": "a bar of the object's grey, from its outline outward",
     "shadow": "a soft shadow along one side",
 }
-
-NEVER = property(lambda _: True, lambda *_: None)
-"""In the place of `Mender.is_over`: nothing is mended any more."""
 
 
 def object_mask(frame: SceneFrame) -> Grey:
@@ -93,7 +87,7 @@ def run_sequence(name: str, kind: str, asked_seed: int, count: int, *, given: bo
     """Counts of one sequence."""
     scene = SceneCase(Part(SHAPES[name]()), "clean-6dof", frames=count, seed=asked_seed).scene()
     frames, rng = list(scene), np.random.default_rng((asked_seed, zlib.crc32(f"{name}{kind}".encode())))
-    told = dict.fromkeys(("refused", "frames", "given", "wrong", "beside", "mended", "false_edge"), 0.0)
+    told = dict.fromkeys(("refused", "frames", "given", "wrong", "beside"), 0.0)
     first = corrupt_outline(frames[0], kind, rng)
     inside = cv2.distanceTransform((object_mask(frames[0]) > 127).astype(np.uint8), cv2.DIST_L2, 5)
     y, x = np.unravel_index(int(inside.argmax()), inside.shape)
@@ -110,8 +104,6 @@ def run_sequence(name: str, kind: str, asked_seed: int, count: int, *, given: bo
     for frame in frames[1:]:
         result = tracker.update(frame.image, frame.time)
         told["frames"] += 1.0
-        told["mended"] += result.mended > 0.0
-        told["false_edge"] += result.reason_code == "false-edge"
         if result.contacts is not None:
             limit = accept_limit(frame.area)
             told["given"] += 1.0
@@ -127,23 +119,15 @@ def main() -> None:
     parser.add_argument("--kinds", default=",".join(KINDS), help="of what is wrong")
     parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--seed", type=int, default=702)
-    parser.add_argument("--never", action="store_true", help="never mend")
     asked = parser.parse_args()
-    common.begin_section("Wrong first outlines, never mended" if asked.never else "Wrong first outlines")
+    common.begin_section("Wrong first outlines")
     common.add_paragraph("Beside: contacts were given that lay beside the object from the first.")
     rows = []
-    with patch.object(Mender, "is_over", NEVER, create=True) if asked.never else nullcontext():
-        for kind, given in itertools.product(asked.kinds.split(","), (False, True)):
-            runs = [run_sequence(s, kind, asked.seed, asked.frames, given=given) for s in asked.shapes.split(",")]
-            total = {key: round(sum(each[key] for each in runs)) for key in runs[0]}
-            start = "contacts given" if given else "own grasp"
-            keys = ("refused", "mended", "frames", "given", "wrong", "beside", "false_edge")
-            rows.append((kind, start, len(runs), *(total[key] for key in keys)))
-    head = (
-        "first image", "start", "sequences", "refused", "mended", "frames", "answered", "wrong", "beside",
-        "told false edge",
-    )  # fmt: skip
-    common.add_table(head, rows)
+    for kind, given in itertools.product(asked.kinds.split(","), (False, True)):
+        runs = [run_sequence(s, kind, asked.seed, asked.frames, given=given) for s in asked.shapes.split(",")]
+        total = {key: round(sum(each[key] for each in runs)) for key in runs[0]}
+        rows.append((kind, "contacts given" if given else "own grasp", len(runs), *total.values()))
+    common.add_table(("first image", "start", "sequences", "refused", "frames", "answered", "wrong", "beside"), rows)
     common.write_sections(asked.output)
 
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +19,6 @@ from grasptrack.view.style import Picture
 from grasptrack_bench.scenes import Part, SceneCase
 from grasptrack_bench.simulation import SHAPES
 from research.studies import common
-from research.studies.first_outline import corrupt_outline
 
 SIZE, SHOWN = (480, 360), (320, 240)
 """px of the images, and of the pictures."""
@@ -49,17 +47,6 @@ def empty_table() -> Staged:
     """The table while the part is away."""
     scene = case_of("bracket", "leave", 5).scene()
     return Staged(((frame.image, frame.time) for frame in scene if frame.outline_visible == 0.0), {})
-
-
-def highlight_at_first() -> Staged:
-    """The first image alone shows a highlight on the outline, so that a contact comes to lie beside the part."""
-    name, seed = "gear", 702
-    frames = list(SceneCase(Part(SHAPES[name]()), "clean-6dof", frames=20, seed=seed).scene())
-    first = corrupt_outline(
-        frames[0], "highlight", np.random.default_rng((seed, zlib.crc32(f"{name}highlight".encode())))
-    )
-    images = [first, *(frame.image for frame in frames[1:])]
-    return Staged(((image, frame.time) for image, frame in zip(images, frames, strict=True)), {})
 
 
 def gone_when_needed() -> Staged:
@@ -96,7 +83,7 @@ STAGED: dict[str, Callable[[], Staged]] = {
     "no-transfer": lambda: from_suite("square", "clip", seed=1, frames=24, strategy="homography"),
     "strategy-off": lambda: from_suite("bracket", "clean-6dof", strategy="grasp-line"),
     "off-outline": lambda: from_suite("key", "noise", seed=5, frames=24, strategy="homography"),
-    "false-edge": highlight_at_first,
+    "image-fixed": lambda: from_suite("half-disc", "overlay", seed=6, frames=24),
     "contact-unseen": lambda: from_suite("bracket", "cover"),
     "not-flat": lambda: from_suite("key", "block", seed=55, frames=24),
     "not-pinhole": lambda: from_suite("key", "aspect", seed=2, frames=40),

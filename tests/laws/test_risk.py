@@ -59,9 +59,9 @@ def asked() -> list[tuple[Any, ...]]:
     """What was asked of the decision in a run."""
     calls: list[tuple[Any, ...]] = []
 
-    def noted(state: Any, estimates: Any, expected: Any) -> Decision:
-        calls.append((copy.copy(state), list(estimates), expected))
-        return decide_pose(state, estimates, expected)
+    def noted(state: Any, estimates: Any, *more: Any) -> Decision:
+        calls.append((copy.copy(state), list(estimates), *more))
+        return decide_pose(state, estimates, *more)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hypotheses, "decide_pose", noted)

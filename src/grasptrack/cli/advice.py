@@ -38,7 +38,6 @@ REMEDIES = {
     "no-transfer": "use --strategy auto, which needs neither peaks of curvature nor the whole outline",
     "strategy-off": "use --strategy auto: this strategy of the paper is not exact for this motion",
     "off-outline": "use --strategy auto: this strategy of the paper is not exact for this motion",
-    "false-edge": "start with another first image, or give the outline there: --outline, or a mask",
     "contact-unseen": "take away what stands before the contacts, or choose contacts that stay in view (--grasp)",
     "not-flat": "choose contacts on the outline of its top (--grasp), and start with the most frontal image",
     "not-pinhole": "say how wide a pixel is for its height (--pixel-aspect), or give a calibration (--camera)",

@@ -125,14 +125,6 @@ _TOLD = (
     CsvColumn("margin_image", "number", "degrees", _NO_CONTACTS, ".4f"),
     CsvColumn("distance", "number", "that of the length that was told", _NO_DISTANCE, ".6g"),
     CsvColumn("distance_sd", "number", "that of the length that was told", _NO_DISTANCE, ".6g"),
-    CsvColumn(
-        "mended",
-        "number",
-        "share of the first outline",
-        "always but in the first row of the mended outline",
-        ".4f",
-        spread=lambda share: [share or math.nan],
-    ),
     CsvColumn("notice", "text", "", "a tracked frame needs none"),
     CsvColumn(
         "homography",
@@ -175,7 +167,7 @@ NAMED = {column.name: column for column in COLUMNS}
 IN_JSON = (
     "frame", "time_s", "status", "reason", "reason_code", "strategy", "grasp_id", "contacts", "covariances", "seen",
     "last_seen", "edge", "surface", "homography", "confidence", "chance", "margin_deg", "margin_sd_deg", "margin_image_deg",
-    "tilt_deg", "tilt_sd_deg", "distance", "distance_sd", "mended", "notice", "object_sure", "object_probability",
+    "tilt_deg", "tilt_sd_deg", "distance", "distance_sd", "notice", "object_sure", "object_probability",
     "latency_ms", *(column.name for column in _IN_DEGREES),
 )  # fmt: skip
 """The order of lines of JSON and of recordings."""

@@ -226,15 +226,11 @@ class PlaneSolver:
         self._target, self._width, self._height, self._before = target, float(width), float(height), before
         x, y, w = (target.A @ np.array([*target.outline.mean(axis=0), 1.0])).tolist()
         self._centre = x / w, y / w
-        self.replace_outline(target)
+        hull = cv2.convexHull(apply_homography(target.A, target.outline).astype(np.float32))[:, 0]
+        self.hull = np.asarray(hull, dtype=np.float64)
         self._views: list[SeenPose] = []
         self.aspect = before.aspect or 1.0
         self.modes: tuple[Mode, ...] = (Mode(before.theta, before.covariance, 1.0),)
-
-    def replace_outline(self, target: Target) -> None:
-        """The first view has this outline, in the same work px."""
-        hull = cv2.convexHull(apply_homography(target.A, target.outline).astype(np.float32))[:, 0]
-        self._target, self.hull = target, np.asarray(hull, dtype=np.float64)
 
     def pixel_to_ray(self, theta: Floats) -> Floats:
         """(3, 3) from px of an image to rays of the camera, the optical axis last."""

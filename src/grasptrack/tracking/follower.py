@@ -33,7 +33,6 @@ from grasptrack.tracking.evidence import (
 )
 from grasptrack.tracking.hypotheses import Predictions, Solutions, predict_hypotheses
 from grasptrack.tracking.learning import learn, lose
-from grasptrack.tracking.mending import Mended, Mender
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.pose import (
@@ -101,7 +100,6 @@ class Follower:
         state: of the object.
         redetection: finds it after a loss.
         risk: that is asked for; images teach only what is sure at the default risk too.
-        mended: the share of the first outline that was none, once that was found out; else 0.
     """
 
     def __init__(
@@ -115,21 +113,17 @@ class Follower:
         before: Beforehand | None = None,
     ) -> None:
         levels = build_pyramid(grey)
-        self.risk, self._observer = numbers.risk, observer
-        self._hidden = None if observer is None else observer.hidden
-        target = make_target(levels, view, contacts, numbers.for_learning(DEFAULT_RISK), self._hidden)
+        self.risk, hidden = numbers.risk, None if observer is None else observer.hidden
+        target = make_target(levels, view, contacts, numbers.for_learning(DEFAULT_RISK), hidden)
         self.state = first_state(target, levels, before, time)
-        self.redetection = Redetection(target, levels, observer, self._hidden)
-        self.mended = 0.0
-        self._mended: Mended | None = None
-        self._mender = Mender(target, levels, self._hidden)
+        self.redetection = Redetection(target, levels, observer, hidden)
         self.rivals = Rivals(self.state, self.redetection)
         if self.rivals.shows_equals(self.state.last):
             self.state.note_lookalike(anywhere=True)
 
     @property
     def target(self) -> Target:
-        """What is followed; it is another one once the first outline is mended."""
+        """What is followed."""
         return self.state.target
 
     def update(self, grey: Grey, time: float | None = None) -> Decision:
@@ -207,12 +201,6 @@ class Follower:
 
     def _predict_next(self, grey: Grey, time: float | None) -> tuple[list[Grey], Predictions, Expected]:
         """The next image's pyramid, and what continuity says of it before it is looked at."""
-        if self._mended is not None:  # the last image has told that the outline is another
-            self.mended = self._mended.share
-            self.state.replace_outline(self._mended.target, self._mended.usual)
-            self.redetection = Redetection(self.target, self._mended.levels, self._observer, self._hidden)
-            self.rivals.redetection = self.redetection
-            self._mended = None
         levels = build_pyramid(grey)
         self.state.advance(time)
         predictions = predict_hypotheses(self.state, levels)
@@ -392,8 +380,6 @@ class Follower:
         else:
             alike = not state.lost and (state.lookalike or self.rivals.shows_equals(state.located))
             lose(state, levels, decision, predictions, lookalike=alike)
-        if not self._mender.is_over:
-            self._mended = self._mender.examine_image(state, levels, decision)
 
 
 class Moved(NamedTuple):

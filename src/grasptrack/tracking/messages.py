@@ -27,8 +27,6 @@ SENTENCES = {
     "no-transfer": "the strategy did not find its outline in this image",
     "strategy-off": "the strategy puts a contact elsewhere than the outline and the surface do",
     "off-outline": "",
-    # lost: of a first view that was wrong
-    "false-edge": "later views show no edge where the first one did: a contact lies beside the object",
     # tracked
     "contact-unseen": "a contact has moved unseen for a while: that it moved with the rest is a guess",
     "not-flat": "the object is not flat: a contact on a lower edge is off",

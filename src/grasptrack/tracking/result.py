@@ -54,8 +54,6 @@ class TrackResult:
         distance: from the camera to the object's plane, along the line of sight to the grasp's middle, in the unit in which its
             length was told; NaN where it was not.
         distance_sd: its standard deviation.
-        mended: share of the first view's outline that later views show to be none, 0 to 1, told once: in the first result that
-            stands on the mended outline; else 0.
         reason_code: the reason in one word, see `messages.SENTENCES`; empty with the reason.
         notice: what is to be known of a tracked frame, in one word: "tilt-open" where no view has told yet how the object's
             plane is tilted, and whether the grasp closes depends on it; "contact-unseen" where neither the outline at a contact
@@ -94,7 +92,6 @@ class TrackResult:
     rectification: NDArray[np.float64] | None = None
     distance: float = math.nan
     distance_sd: float = math.nan
-    mended: float = 0.0
     notice: str = ""
     object_sure: bool = True
     object_probability: float = math.nan

@@ -43,7 +43,7 @@ class Rivals:
 
     Args:
         state: of the object.
-        redetection: finds outlines and edges of it; it is another one once the first outline is mended.
+        redetection: finds outlines and edges of it.
     """
 
     def __init__(self, state: TrackState, redetection: Redetection) -> None:

@@ -92,7 +92,6 @@ def make_target(
     contacts: Floats,
     numbers: Numbers,
     hidden: Grey | None = None,
-    like: Target | None = None,
 ) -> Target:
     """A target of the first view.
 
@@ -101,13 +100,12 @@ def make_target(
         view, contacts: the object's outline in it, and (k, 2) px.
         numbers: the core's.
         hidden: (H, W) nonzero where no image shows anything of the scene.
-        like: a target of the same view, whose work px and camera's noise hold on, so that poses mean what they meant.
     """
-    frame = frame_about(view, numbers) if like is None else WorkFrame(like.A, like.crop, like.centre, like.size)
+    frame = frame_about(view, numbers)
     A, (width, height), size = frame.A, frame.crop, frame.size
     s, low = 1.0 / A[0, 0], A[:2, 2]
     image = rectify_image(levels, A, (width, height))
-    noise = camera_noise(image) if like is None else like.noise
+    noise = camera_noise(image)
     work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
     samples = sample_evenly(work)
     normal_noise = _normal_noise(samples.noise, numbers)

@@ -465,10 +465,3 @@ class TrackState:
             self.lookalike = True
         else:
             self.beside = True
-
-    def replace_outline(self, target: Target, usual: list[Floats]) -> None:
-        """The first view has another outline: what was strange of the old one is so no more; `usual` is of its patches."""
-        self.target, self.usual, self.exchanged, self.visible = target, usual, False, nothing_visible()
-        self.shown, self.shown_in = nothing_visible(), 0
-        self.strange = self.elsewhere = self.confirmed = 0.0
-        self.plane.replace_outline(target)

@@ -34,7 +34,7 @@ from grasptrack.tracking.initialization import FirstScene, Wish, first_view, ima
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.plane import UNKNOWN, Distance, Ruler, make_ruler
-from grasptrack.tracking.pose import PoseEstimate, contact_tolerance
+from grasptrack.tracking.pose import PoseEstimate
 from grasptrack.tracking.result import LocatedResult, TrackResult, UnlocatedResult
 from grasptrack.tracking.strategies import Carrier
 from grasptrack.transfer import STRATEGIES, strategy_names
@@ -52,8 +52,6 @@ class Track:
         carrier: takes it from image to image.
         follower: knows where the object is.
         ruler: tells how far it is; None where nobody said how long the object is, or it is cut off in the first view.
-        mended: whether the outline is another than the first view's by now.
-        false_edge: px by which a contact lies beside that outline, where it is too much; else 0.
     """
 
     number: int
@@ -61,8 +59,6 @@ class Track:
     carrier: Carrier
     follower: Follower
     ruler: Ruler | None = None
-    mended: bool = False
-    false_edge: float = 0.0
 
     def distance_in(self, homography: Floats, covariance: Floats) -> Distance:
         """Of the object in a view, of H_current_reference (3, 3) and the covariance (9, 9) of its entries."""
@@ -307,12 +303,7 @@ class GraspTracker:
         else:
             # contour extraction, grasp transfer, and whether to believe it
             moved = self._track.carrier.move(grey, time)
-            track, share = self._track, self._track.follower.mended
-            if share and not track.mended:
-                track = self._track = self._on_mended(track)
-                result = replace(self._analyzed_result(moment, track, moved), mended=share)
-            else:
-                result = self._analyzed_result(moment, track, moved)
+            result = self._analyzed_result(moment, self._track, moved)
         result = replace(result, object_sure=self.object_sure, object_probability=self._object_probability)
         result = replace(result, repeated=True) if repeated else result
         return result if self._lens is None else self._lens.result_seen(result)
@@ -383,16 +374,6 @@ class GraspTracker:
         """What tells how far the object is, where its length was told."""
         return None if self.length is None else make_ruler(follower.target, follower.state.plane, self.length)
 
-    def _on_mended(self, track: Track) -> Track:
-        """The same grasp, judged on the outline that the first view has by now."""
-        target = track.follower.target
-        grasp, view = Grasp(target.contacts), target.view
-        track = replace(track, mended=True, ruler=self._make_distance_ruler(track.follower))
-        off = float(grasp.on(view)[:, 2].max())
-        if off > contact_tolerance(target.area, target.numbers):
-            return replace(track, false_edge=off)
-        return replace(track, closure=_make_closure_check(grasp, view, self.friction))
-
     def _analyzed_result(self, moment: _Moment, track: Track, moved: Moved) -> TrackResult:
         """Analysis of what is believed."""
         estimate, contacts = moved.decision.estimate, moved.contacts
@@ -409,11 +390,6 @@ class GraspTracker:
             return _make_result(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure)
         target, plane = track.follower.target, track.follower.state.plane
         H, homography_covariance = target.homography_and_covariance(estimate.G, moved.covariance)
-        if track.false_edge:  # fingers would close on nothing
-            if self._resynthesize:
-                self._request_another_grasp(moved.view, plane.as_prior(H, homography_covariance))
-            beside = StatusReason("false-edge", {"distance": track.false_edge})
-            return _make_result(moment, "lost", beside, grasp_id=track.number)
         covariance = target.handle.placed(estimate.G, moved.covariance)[1]
         try:
             judged = track.closure.judge(contacts, self.friction, moved.homography, H, covariance, plane.rectifications)
