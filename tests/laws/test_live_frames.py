@@ -165,7 +165,7 @@ GOOD = st.one_of(
     st.builds(Pause, st.booleans()),
     st.builds(Friction, POSITIVE),
     st.builds(Fingers, st.integers(2, 3)),
-    st.builds(Wire, IMAGE, st.sampled_from(["start", "hover", "add", "close", "move", "clear"]), NUMBER, NUMBER, IMAGE),
+    st.builds(Wire, IMAGE, st.sampled_from(["add", "hover", "close", "move", "back", "clear"]), NUMBER, NUMBER, IMAGE),
     st.builds(Hover, IMAGE, NUMBER, NUMBER),
     st.builds(Fingertips, st.lists(POINT, min_size=2, max_size=8).map(tuple), POSITIVE, NUMBER, st.booleans()),
     st.builds(Record, st.booleans()),
@@ -231,7 +231,7 @@ def test_what_is_no_json_object_is_refused(text: str | bytes) -> None:
         ('{"do": "choose", "number": 0}', "1 to 3"),
         ('{"do": "contacts", "image": 1, "points": [[1, 2]]}', "2 to 8"),
         ('{"do": "outline", "image": 1, "points": [[1, 2], [3]]}', "points"),
-        ('{"do": "wire", "image": 1, "step": "jump"}', "one of start"),
+        ('{"do": "wire", "image": 1, "step": "jump"}', "one of add"),
     ],
 )
 def test_each_refusal_says_what_is_wrong(message: str, told: str) -> None:

@@ -173,6 +173,30 @@ def test_an_outline_is_drawn_along_edges_and_its_points_are_dragged(tmp_path: Pa
         assert shown.meant.outline is not None and len(shown.meant.outline) > 50
 
 
+def test_an_outline_keeps_up_with_fast_clicks_and_keys_take_points_back_and_close_it(tmp_path: Path) -> None:
+    with plate_session(tmp_path, 2) as session, page_on(session, tmp_path) as page:
+        page.reads("#status", "Object found")
+        outline = session.shown.result.view.outer.points
+        page.press("w")
+        canvas, chain = page.find("#picture"), ActionChains(page.browser, duration=5)
+        for x, y in outline[:: len(outline) // 10][:10]:
+            chain.move_to_element_with_offset(canvas, *page.place(x, y, (240, 320))).click()
+        began = time.monotonic()
+        chain.perform()
+        assert time.monotonic() - began < 1.0
+        until(session, lambda s: s.wire is not None and len(s.wire.points) == 10)
+        page.press(Keys.BACKSPACE)
+        ActionChains(page.browser).key_down(Keys.CONTROL).send_keys("z").key_up(Keys.CONTROL).perform()
+        shown = until(session, lambda s: len(s.wire.points) == 8)
+        page.press(Keys.ENTER)
+        closed = until(session, lambda s: s.wire.closed)
+        assert closed.phase == "choosing" and closed.wire.points == shown.wire.points
+        page.wait(lambda: page.find("#use-wire").is_displayed())
+        page.press(Keys.BACKSPACE)
+        shown = until(session, lambda s: not s.wire.closed)
+        assert shown.wire.points == closed.wire.points
+
+
 def test_fingertips_are_marked_and_saved_for_the_servo(tmp_path: Path) -> None:
     with plate_session(tmp_path, 3) as session, page_on(session, tmp_path) as page:
         page.reads("#status", "Object found")

@@ -364,7 +364,14 @@ const SHORT = { n: "rechoose", r: "restart", v: "record", t: "theme", "?": "help
 
 document.addEventListener("keydown", (event) => {
   const target = event.target;
-  if (event.ctrlKey || event.metaKey || at("help").open || target.matches("input")) return;
+  if (at("help").open || target.matches("input")) return;
+  const command = event.ctrlKey || event.metaKey;
+  if (event.key === "Backspace" || (command && event.key.toLowerCase() === "z")) {
+    tools.takeBack();
+    event.preventDefault();
+    return;
+  }
+  if (command) return;
   if (target === picture.canvas && tools.key(event)) {
     event.preventDefault();
     return;
@@ -377,6 +384,7 @@ document.addEventListener("keydown", (event) => {
     if (moment && moment.phase === "choosing") send("choose", { number: Number(key) });
   } else if (key === "enter") {
     if (!at("use-wire").hidden) tools.useWire();
+    else if (tools.drawn) tools.closeWire();
     else if (!at("start").hidden && !at("start").disabled) send("start");
   } else if (key === "escape") tools.undo();
   else return;

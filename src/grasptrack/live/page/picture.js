@@ -243,6 +243,7 @@ export class Picture {
   // What is being drawn: a box, or points that are not sent yet.
   sketches(g, sketch) {
     if (sketch.box) this.box(g, sketch.box);
+    (sketch.pending || []).forEach((point) => this.handle(g, point, "#9adcff"));
     if (sketch.points) {
       if (sketch.points.length > 1) this.line(g, sketch.points, sketch.colour, 1.6, sketch.points.length > 2);
       sketch.points.forEach((point, i) => {

@@ -12,6 +12,8 @@ const HELD = ["contacts", "outline", "fingertips"]; // tools that need an image 
 export class Tools {
   constructor({ picture, send, onChange }) {
     Object.assign(this, { picture, send, onChange, tool: "object", points: [], hover: false, moment: null });
+    this.pending = []; // clicks of an outline that the session has not answered yet; it takes them one after another
+    this.count = 0; // of its points that the session has told
     this.press = null;
     this.pausedHere = false;
     this.asked = 0;
@@ -35,13 +37,18 @@ export class Tools {
     return wire && wire.image === this.image ? wire : null;
   }
 
+  // How many points an outline has that is being drawn.
+  get drawn() {
+    return this.tool === "outline" ? this.count + this.pending.length : 0;
+  }
+
   get wanted() {
     return this.moment ? this.moment.fingers : 2;
   }
 
   select(tool) {
     if (tool === this.tool) return;
-    if (this.tool === "outline" && this.wire) this.send("wire", { image: this.image, step: "clear" });
+    if (this.drawn) this.clearWire();
     this.tool = tool;
     this.points = [];
     const moving = this.moment && this.moment.phase === "tracking" && !this.moment.paused;
@@ -59,8 +66,16 @@ export class Tools {
   undo() {
     if (this.press) this.release();
     else if (this.points.length) this.points.pop();
-    else if (this.tool === "outline" && this.wire && this.wire.points.length) this.send("wire", { image: this.image, step: "clear" });
+    else if (this.drawn) this.clearWire();
     else this.select("object");
+    this.refresh();
+  }
+
+  // The last point is taken back; of a closed outline, that it was closed.
+  takeBack() {
+    if (this.drawn) {
+      if (this.send("wire", { image: this.image, step: "back" })) this.pending.pop();
+    } else this.points.pop();
     this.refresh();
   }
 
@@ -68,6 +83,10 @@ export class Tools {
     const other = this.moment && this.moment.image !== moment.image;
     this.moment = moment;
     if (other && this.tool === "contacts") this.points = [];
+    const before = this.count;
+    this.count = this.wire ? this.wire.points.length : 0;
+    if (other || (this.wire && this.wire.closed)) this.pending = [];
+    else this.pending.splice(0, Math.max(this.count - before, 0));
     if (moment.phase === "tracking" && !moment.paused && this.tool !== "fingertips" && HELD.includes(this.tool) && !this.pausedHere) this.select("object");
     this.sketch();
   }
@@ -111,7 +130,9 @@ export class Tools {
     const box = press.dragged && press.grabbed === null && this.tool === "object" && !press.against;
     if (box) this.sendBox(press.at, at);
     else if (press.grabbed === null) this.click(at, press.against);
-    else if (!press.dragged && this.tool === "outline" && press.grabbed === 0) this.closeWire();
+    else if (press.dragged) this.drag(press.grabbed, at, 0); // where it was let go counts, however soon after the last move
+    else if (this.tool === "outline" && press.grabbed === 0) this.closeWire();
+    else if (this.tool === "outline" && this.farFrom(press.grabbed, at)) this.click(at, press.against);
     if (event.pointerType !== "mouse") this.leave();
     this.refresh();
   }
@@ -142,8 +163,18 @@ export class Tools {
     return this.tool === "contacts" ? this.picture.snapped(at, this.picture.reach(SNAP)) : at;
   }
 
+  get held() {
+    return this.tool === "outline" ? [...(this.wire ? this.wire.points : []), ...this.pending] : this.points;
+  }
+
+  // Points may lie closer than a hand takes hold of them.
+  farFrom(i, at) {
+    const point = this.held[i];
+    return point && Math.hypot(point[0] - at[0], point[1] - at[1]) > this.picture.reach(DRAG);
+  }
+
   grab(at) {
-    const points = this.tool === "outline" ? (this.wire ? this.wire.points : []) : this.points;
+    const points = this.held;
     const reach = this.picture.reach(GRAB);
     let best = null;
     points.forEach((point, i) => {
@@ -153,9 +184,9 @@ export class Tools {
     return best === null ? null : best.i;
   }
 
-  drag(i, at) {
-    if (this.tool === "outline") this.ask("wire", { step: "move", point: i, x: at[0], y: at[1] }, WIRE_MS);
-    else this.points[i] = this.aim(at);
+  drag(i, at, every = WIRE_MS) {
+    if (this.tool !== "outline") this.points[i] = this.aim(at);
+    else if (i < this.count) this.ask("wire", { step: "move", point: i, x: at[0], y: at[1] }, every);
   }
 
   click(at, against) {
@@ -175,13 +206,18 @@ export class Tools {
       if (this.points.length === 8) this.points = [];
       this.points.push(at);
     } else if (!(this.wire && this.wire.closed)) {
-      const begun = this.wire && this.wire.points.length;
-      this.send("wire", { image, step: begun ? "add" : "start", x: at[0], y: at[1] });
+      if (this.send("wire", { image, step: "add", x: at[0], y: at[1] })) this.pending.push(at);
     }
   }
 
+  // The session says where there are too few points: it knows of all clicks, and the page perhaps not yet.
   closeWire() {
-    if (this.wire && !this.wire.closed && this.wire.points.length > 2) this.send("wire", { image: this.image, step: "close" });
+    if (this.drawn && !(this.wire && this.wire.closed)) this.send("wire", { image: this.image, step: "close" });
+  }
+
+  clearWire() {
+    this.send("wire", { image: this.image, step: "clear" });
+    this.pending = [];
   }
 
   useWire() {
@@ -248,6 +284,7 @@ export class Tools {
       const [a, b] = [press.at, press.now];
       sketch.box = [Math.min(a[0], b[0]), Math.min(a[1], b[1]), Math.abs(a[0] - b[0]), Math.abs(a[1] - b[1])];
     }
+    if (this.tool === "outline") sketch.pending = this.pending;
     if (this.tool in COLOURS) {
       sketch.colour = COLOURS[this.tool];
       sketch.points = this.points;
@@ -273,7 +310,7 @@ export class Tools {
         return this.points.length < 2 ? "Click the fingertips of the open gripper" : "Drag to correct, then save";
       case "outline":
         if (this.wire && this.wire.closed) return "Drag points to correct, then use the outline";
-        return this.wire && this.wire.points.length ? "Click along the edge; the first point closes" : "Click a point on the object's edge";
+        return this.drawn ? "Click along the edge; Enter or the first point closes it, Backspace takes one back" : "Click a point on the object's edge";
       default:
         return "";
     }
