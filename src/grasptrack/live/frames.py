@@ -17,13 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from grasptrack.io.columns import NAMED
 from grasptrack.io.images import encode_jpeg
 from grasptrack.live.advisor import Proposal, WireState
-from grasptrack.live.state import CurvePoint, Shown
-from grasptrack.presentation import plain_value
+from grasptrack.live.state import CurvePoint, Shown, headline_of
+from grasptrack.presentation import format_confidence
 from grasptrack.segmentation.candidate import describe_candidate
-from grasptrack.tracking.messages import SENTENCES
+from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 from grasptrack.view.draw import cone_length, friction_cones
@@ -31,7 +30,9 @@ from grasptrack.view.draw import cone_length, friction_cones
 UNITS_PER_PX = 100.0
 """Of lines."""
 DIGITS = 3
-"""Decimals of contacts, px."""
+"""Decimals of contacts, px, and of distances at most."""
+NEARLY, MOST = 0.995, 0.999
+"""Probabilities that are told to a tenth of a percent; and that are told no closer."""
 FARTHEST = 1e9
 """Of lines: a friction cone under a steep homography may reach far."""
 
@@ -72,7 +73,11 @@ def moment_to_json(shown: Shown) -> bytes:
         "notice": {"number": shown.notice[0], "text": shown.notice[1]},
         "recording": {"name": shown.recording, "images": shown.recorded, "dropped": shown.dropped},
         "files": shown.files,
+        "headline": headline_of(shown)._asdict(),
+        "figures": [[*each, TIPS[each[0]]] for each in _figure_entries(shown)],
         "result": None if shown.result is None else _result_entry(shown.result),
+        "ghost": _ghost_entry(shown),
+        "sure": shown.proposal is not None and shown.proposal.is_sure(shown.meant.sure),
         "candidates": [] if shown.proposal is None else _candidate_entries(shown.proposal),
         "verdict": told and {"level": told.level, "expectation": told.expectation, "reasons": told.reasons},
         "wire": None if shown.wire is None else _wire_entry(shown.wire),
@@ -89,27 +94,86 @@ def moment_to_json(shown: Shown) -> bytes:
     )
 
 
-_FIELDS = {
-    **{name: name for name in ("status", "reason", "strategy", "confidence", "chance", "latency_ms", "distance")},
-    "grasp": "grasp_id",
-    "margin_deg": "margin",
+TIPS = {
+    "image": "Number of the image, from 1",
+    "time": "When the source took it",
+    "last": "Since when the object is not located; its outline and contacts of then are drawn dashed",
+    "grasp": "Number of the grasp: Choose again, or other fingers, give another one",
+    "margin": "By how many degrees the friction angle could be smaller before fingers slip, ± one standard deviation",
+    "chance": "Probability that the grasp holds, with all that is not known of contacts and tilt",
+    "confidence": "Probability that contacts lie where they are drawn, on the object chosen; no more than trials have shown",
+    "guess": "Probability that the best guess is right: too little to show it",
+    "contacts": "How far the least certain contact is off, as a root mean square: px of the image",
+    "distance": "From the camera to the object, in the unit of the length that was told, ± one standard deviation",
+    "latency": "Time that the tracker took for the image",
 }
-"""Columns that the page shows, by its own names for them."""
+"""What the figures mean."""
+
+
+def _figure_entries(shown: Shown) -> list[tuple[str, str, str]]:
+    """Key, label and value of what the page tells in figures."""
+    told = [("image", "Image", str(shown.image))]
+    when = None if shown.arrival is None else shown.arrival.frame.time
+    if when is not None and math.isfinite(when):
+        told.append(("time", "Time", f"{when:.2f} s"))
+    result, last = shown.result, shown.last
+    if result is None:
+        return told
+    lost, sigmas = result.status == "lost", [] if result.covariance is None else _contact_sigmas(result.covariance)
+    if lost and last is not None:
+        told.append(("last", "Last located", f"{result.frame - last.frame} images ago"))
+    if result.grasp_id is not None:
+        told.append(("grasp", "Grasp", str(result.grasp_id)))
+    if math.isfinite(result.margin_deg):
+        told.append(("margin", "Margin", f"{_with_sd(result.margin_deg, result.margin_sd_deg, 1)}°"))
+    if math.isfinite(result.chance):
+        told.append(("chance", "Chance to close", _percent(result.chance)))
+    if lost:
+        told.append(("guess", "Best guess", format_confidence(result.confidence)))
+    elif result.located and result.confidence < 1.0:  # of the first view it is 1 by definition, which tells nothing
+        most = 1.0 - NUMBERS.untested
+        sure = f"≥ {most:g}" if result.confidence >= most else format_confidence(result.confidence)
+        told.append(("confidence", "Confidence", sure))
+    if sigmas and None not in sigmas:
+        told.append(("contacts", "Contacts", f"± {max(s or 0.0 for s in sigmas):.2f} px"))
+    if math.isfinite(result.distance):
+        away = _with_sd(result.distance, result.distance_sd, DIGITS)
+        told.append(("distance", "Distance", f"{away} {shown.unit or '(your unit)'}"))
+    if math.isfinite(result.latency_ms):
+        told.append(("latency", "Latency", f"{result.latency_ms:.1f} ms"))
+    return told
+
+
+def _with_sd(value: float, sd: float, most: int) -> str:
+    """With as many decimals, up to some, as its standard deviation leaves certain; one where that is not known."""
+    if not 0.0 < sd < math.inf:
+        return f"{value:.1f}"
+    digits = min(max(1 - math.floor(math.log10(sd)), 0), most)
+    return f"{value:.{digits}f} ± {sd:.{digits}f}"
+
+
+def _percent(share: float) -> str:
+    """Of a probability, which is never told as certain."""
+    return "> 99.9 %" if share > MOST else f"{100.0 * share:.{1 if share > NEARLY else 0}f} %"
+
+
+def _ghost_entry(shown: Shown) -> dict[str, Any] | None:
+    """Where the object was last, while it is lost."""
+    if shown.result is None or shown.result.status != "lost" or shown.last is None or shown.last.contacts is None:
+        return None
+    return {"outlines": _outlines(shown.last), "contacts": np.round(shown.last.contacts, DIGITS).tolist()}
+
+
+def _outlines(result: TrackResult) -> list[list[int]]:
+    return [] if result.view is None else [_line(c.points) for c in result.view.contours]
 
 
 def _result_entry(result: TrackResult) -> dict[str, Any]:
-    entry: dict[str, Any] = {
-        **{key: plain_value(NAMED[name].shown_value(result)) for key, name in _FIELDS.items()},
-        "notice": SENTENCES.get(result.notice, "") if result.notice else "",
-        "object_sure": result.object_sure,
-        "outlines": [] if result.view is None else [_line(c.points) for c in result.view.contours],
-        "contacts": None,
-    }
+    entry: dict[str, Any] = {"status": result.status, "outlines": _outlines(result), "contacts": None}
     if result.contacts is not None:
         entry["contacts"] = np.round(result.contacts, DIGITS).tolist()
         entry["seen"] = None if result.seen is None else result.seen.tolist()
         entry["cones"] = [_line(cone) for cone in friction_cones(result, cone_length(result.contacts, 1.0))]
-        entry["sigmas"] = None if result.covariance is None else _contact_sigmas(result.covariance)
     return entry
 
 

@@ -4,6 +4,8 @@
 const DRAG = 6; // px of the window that make a drag of a click
 const SNAP = 22; // px of the window within which a contact goes to an outline
 const GRAB = 14; // px of the window within which a point is taken hold of
+const WHEEL = 500; // px of scrolling for a factor of e
+const LINE = 32; // px, where a wheel counts lines
 const WIRE_MS = 33;
 const HOVER_MS = 200;
 const COLOURS = { contacts: "#ffd23f", fingertips: "#9adcff" };
@@ -15,16 +17,22 @@ export class Tools {
     this.pending = []; // clicks of an outline that the session has not answered yet; it takes them one after another
     this.count = 0; // of its points that the session has told
     this.press = null;
+    this.pointers = new Map(); // that are down, with their places in the window
+    this.panning = false; // until all of them are up
     this.pausedHere = false;
     this.asked = 0;
     const canvas = picture.canvas;
     canvas.addEventListener("pointerdown", (event) => this.down(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
     canvas.addEventListener("pointerup", (event) => this.up(event));
-    canvas.addEventListener("pointercancel", () => this.release());
+    canvas.addEventListener("pointercancel", (event) => this.release(event));
+    canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     canvas.addEventListener("pointerleave", () => this.press || this.leave());
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener("dblclick", () => this.tool === "outline" && this.closeWire());
+    canvas.addEventListener("dblclick", (event) => {
+      if (event.shiftKey) picture.showWhole(); // what a double click without it would choose is not meant
+      else if (this.tool === "outline") this.closeWire();
+    });
     canvas.addEventListener("blur", () => this.setCursor(null));
   }
 
@@ -94,11 +102,18 @@ export class Tools {
   // --- pointer ---
 
   down(event) {
-    if (!this.picture.bitmap || (event.button !== 0 && event.button !== 2)) return;
+    if (!this.picture.bitmap || event.button > 2) return;
     event.preventDefault();
     this.picture.canvas.focus({ preventScroll: true });
     this.setCursor(null);
     this.picture.canvas.setPointerCapture(event.pointerId);
+    this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    if (event.shiftKey || event.button === 1 || this.pointers.size > 1) {
+      this.panning = true;
+      this.press = null;
+      this.leave();
+      return;
+    }
     const at = this.picture.toImage(event.clientX, event.clientY);
     const against = event.button === 2 || event.altKey || this.tool === "not";
     this.press = { at, now: at, client: [event.clientX, event.clientY], against, dragged: false, grabbed: this.grab(at) };
@@ -107,6 +122,7 @@ export class Tools {
 
   move(event) {
     if (!this.picture.bitmap) return;
+    if (this.panning) return this.pan(event);
     const at = this.picture.toImage(event.clientX, event.clientY);
     const press = this.press;
     if (press) {
@@ -122,7 +138,37 @@ export class Tools {
     this.follow(at);
   }
 
+  // One pointer moves the image, two enlarge it too.
+  pan(event) {
+    if (!this.pointers.has(event.pointerId)) return;
+    const before = [...this.pointers.values()];
+    this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    const after = [...this.pointers.values()];
+    const middle = (places) => [0, 1].map((k) => places.reduce((sum, place) => sum + place[k], 0) / places.length);
+    const apart = (places) => (places.length > 1 ? Math.max(Math.hypot(places[0][0] - places[1][0], places[0][1] - places[1][1]), 1) : 1);
+    const [from, to] = [middle(before), middle(after)];
+    this.picture.panBy(to[0] - from[0], to[1] - from[1]);
+    this.picture.zoomAt(...to, apart(after) / apart(before));
+    this.onChange();
+  }
+
+  wheel(event) {
+    event.preventDefault();
+    const px = event.deltaMode ? LINE * event.deltaY : event.deltaY;
+    this.picture.zoomAt(event.clientX, event.clientY, Math.exp(-px / WHEEL));
+    this.onChange();
+  }
+
+  // Whether what went up was a part of a pan.
+  lifted(event) {
+    const panned = this.panning;
+    this.pointers.delete(event.pointerId);
+    if (!this.pointers.size) this.panning = false;
+    return panned;
+  }
+
   up(event) {
+    if (this.lifted(event)) return;
     const press = this.press;
     if (!press) return;
     const at = this.picture.toImage(event.clientX, event.clientY);
@@ -137,7 +183,8 @@ export class Tools {
     this.refresh();
   }
 
-  release() {
+  release(event) {
+    if (event) this.lifted(event);
     this.press = null;
     this.leave();
     this.refresh();
