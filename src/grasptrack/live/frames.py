@@ -74,7 +74,7 @@ def moment_to_json(shown: Shown) -> bytes:
         "recording": {"name": shown.recording, "images": shown.recorded, "dropped": shown.dropped},
         "files": shown.files,
         "headline": headline_of(shown)._asdict(),
-        "figures": [[*each, TIPS[each[0]]] for each in _figure_entries(shown)],
+        "figures": _figure_entries(shown),
         "result": None if shown.result is None else _result_entry(shown.result),
         "ghost": _ghost_entry(shown),
         "sure": shown.proposal is not None and shown.proposal.is_sure(shown.meant.sure),
@@ -86,7 +86,6 @@ def moment_to_json(shown: Shown) -> bytes:
     if shown.arrival is not None:
         frame = shown.arrival.frame
         content["size"] = [frame.image.shape[1], frame.image.shape[0]]
-        content["time"] = None if frame.time is None else _finite_or_none(frame.time)
         content["name"] = frame.name
         content["taken_ms"] = 1e3 * (time.time() - time.perf_counter() + shown.arrival.at)
     return json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode(
@@ -94,67 +93,67 @@ def moment_to_json(shown: Shown) -> bytes:
     )
 
 
-TIPS = {
-    "image": "Number of the image, from 1",
-    "time": "When the source took it",
-    "last": "Since when the object is not located; its outline and contacts of then are drawn dashed",
-    "grasp": "Number of the grasp: Choose again, or other fingers, give another one",
-    "margin": "By how many degrees the friction angle could be smaller before fingers slip, ± one standard deviation",
-    "chance": "Probability that the grasp holds, with all that is not known of contacts and tilt",
-    "confidence": "Probability that contacts lie where they are drawn, on the object chosen; no more than trials have shown",
-    "guess": "Probability that the best guess is right: too little to show it",
-    "contacts": "How far the least certain contact is off, as a root mean square: px of the image",
-    "distance": "From the camera to the object, in the unit of the length that was told, ± one standard deviation",
-    "latency": "Time that the tracker took for the image",
+FIGURES = {
+    "image": ("Image", "Number of the image, from 1"),
+    "time": ("Time", "When the source took it"),
+    "last": ("Last located", "Since when the object is not located; its outline and contacts of then are drawn dashed"),
+    "grasp": ("Grasp", "Number of the grasp: Choose again, or other fingers, give another one"),
+    "margin": ("Margin", "How much smaller the friction angle could be before fingers slip, ± one standard deviation"),
+    "chance": ("Chance to close", "Probability that the grasp holds, with all that is not known of contacts and tilt"),
+    "confidence": ("Confidence", "Probability that contacts lie where they are drawn; no more than trials have shown"),
+    "guess": ("Best guess", "Probability that the best guess is right: too little to show it"),
+    "contacts": ("Contacts", "How far the least certain contact is off, as a root mean square: px of the image"),
+    "distance": ("Distance", "From the camera to the object, in the unit of its length, ± one standard deviation"),
+    "latency": ("Latency", "Time that the tracker took for the image"),
 }
-"""What the figures mean."""
+"""Labels, and what they mean, in the order of the page."""
 
 
-def _figure_entries(shown: Shown) -> list[tuple[str, str, str]]:
-    """Key, label and value of what the page tells in figures."""
-    told = [("image", "Image", str(shown.image))]
+def _figure_entries(shown: Shown) -> list[list[str]]:
+    """Key, label, value and meaning of each figure that there is."""
     when = None if shown.arrival is None else shown.arrival.frame.time
-    if when is not None and math.isfinite(when):
-        told.append(("time", "Time", f"{when:.2f} s"))
-    result, last = shown.result, shown.last
-    if result is None:
-        return told
-    lost, sigmas = result.status == "lost", [] if result.covariance is None else _contact_sigmas(result.covariance)
-    if lost and last is not None:
-        told.append(("last", "Last located", f"{result.frame - last.frame} images ago"))
-    if result.grasp_id is not None:
-        told.append(("grasp", "Grasp", str(result.grasp_id)))
-    if math.isfinite(result.margin_deg):
-        told.append(("margin", "Margin", f"{_with_sd(result.margin_deg, result.margin_sd_deg, 1)}°"))
-    if math.isfinite(result.chance):
-        told.append(("chance", "Chance to close", _percent(result.chance)))
-    if lost:
-        told.append(("guess", "Best guess", format_confidence(result.confidence)))
-    elif result.located and result.confidence < 1.0:  # of the first view it is 1 by definition, which tells nothing
-        most = 1.0 - NUMBERS.untested
+    told = {"image": str(shown.image), "time": _with_unit(math.nan if when is None else when, 2, " s")}
+    if (result := shown.result) is not None:
+        lost, most = result.status == "lost", 1.0 - NUMBERS.untested
+        ago = result.frame - shown.last.frame if lost and shown.last is not None else 0
+        off = math.nan if result.covariance is None else _worst_error(result.covariance)
         sure = f"≥ {most:g}" if result.confidence >= most else format_confidence(result.confidence)
-        told.append(("confidence", "Confidence", sure))
-    if sigmas and None not in sigmas:
-        told.append(("contacts", "Contacts", f"± {max(s or 0.0 for s in sigmas):.2f} px"))
-    if math.isfinite(result.distance):
-        away = _with_sd(result.distance, result.distance_sd, DIGITS)
-        told.append(("distance", "Distance", f"{away} {shown.unit or '(your unit)'}"))
-    if math.isfinite(result.latency_ms):
-        told.append(("latency", "Latency", f"{result.latency_ms:.1f} ms"))
-    return told
+        told |= {
+            "last": f"{ago} image{'s' if ago > 1 else ''} ago" if ago else "",
+            "grasp": str(result.grasp_id or ""),
+            "margin": _with_sd(result.margin_deg, result.margin_sd_deg, 1, "°"),
+            "chance": _percent(result.chance),
+            # Of the first view it is 1 by definition, which tells nothing.
+            "confidence": sure if result.located and result.confidence < 1.0 else "",
+            "guess": sure if lost else "",
+            "contacts": f"± {_with_unit(off, 2, ' px')}" if math.isfinite(off) else "",
+            "distance": _with_sd(result.distance, result.distance_sd, DIGITS, f" {shown.unit or '(your unit)'}"),
+            "latency": _with_unit(result.latency_ms, 1, " ms"),
+        }
+    return [[key, label, told[key], tip] for key, (label, tip) in FIGURES.items() if told.get(key)]
 
 
-def _with_sd(value: float, sd: float, most: int) -> str:
+def _with_unit(value: float, digits: int, unit: str) -> str:
+    return f"{value:.{digits}f}{unit}" if math.isfinite(value) else ""
+
+
+def _with_sd(value: float, sd: float, most: int, unit: str) -> str:
     """With as many decimals, up to some, as its standard deviation leaves certain; one where that is not known."""
-    if not 0.0 < sd < math.inf:
-        return f"{value:.1f}"
+    if not (0.0 < sd < math.inf and math.isfinite(value)):
+        return _with_unit(value, 1, unit)
     digits = min(max(1 - math.floor(math.log10(sd)), 0), most)
-    return f"{value:.{digits}f} ± {sd:.{digits}f}"
+    return f"{value:.{digits}f} ± {sd:.{digits}f}{unit}"
 
 
 def _percent(share: float) -> str:
     """Of a probability, which is never told as certain."""
-    return "> 99.9 %" if share > MOST else f"{100.0 * share:.{1 if share > NEARLY else 0}f} %"
+    return "> 99.9 %" if MOST < share < math.inf else _with_unit(100.0 * share, 1 if share > NEARLY else 0, " %")
+
+
+def _worst_error(covariance: Floats) -> float:
+    """px, rms of the least certain contact."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(np.sqrt(np.max(covariance[:, 0, 0] + covariance[:, 1, 1])))
 
 
 def _ghost_entry(shown: Shown) -> dict[str, Any] | None:
@@ -175,13 +174,6 @@ def _result_entry(result: TrackResult) -> dict[str, Any]:
         entry["seen"] = None if result.seen is None else result.seen.tolist()
         entry["cones"] = [_line(cone) for cone in friction_cones(result, cone_length(result.contacts, 1.0))]
     return entry
-
-
-def _contact_sigmas(covariance: Floats) -> list[float | None]:
-    """px, rms error of each contact."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        variances = covariance[:, 0, 0] + covariance[:, 1, 1]
-    return [_finite_or_none(round(math.sqrt(v), DIGITS)) if 0.0 <= v < math.inf else None for v in variances.tolist()]
 
 
 def _candidate_entries(proposal: Proposal) -> list[dict[str, Any]]:
@@ -213,7 +205,3 @@ def _line(points: Floats | None) -> list[int]:
     clipped = np.nan_to_num(np.clip(UNITS_PER_PX * points, -FARTHEST, FARTHEST))
     whole: list[int] = np.rint(clipped).astype(np.int64).ravel().tolist()
     return whole
-
-
-def _finite_or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None
