@@ -128,7 +128,7 @@ LOST = {"status": "lost", "contacts": None, "reason": "not here", "reason_code":
     ("values", "more", "word", "part"),
     [
         ({}, {}, "OK TO CLOSE", "stable"),
-        ({}, {"paused": True}, "TRACKED", "held"),
+        ({}, {"paused": True}, "TRACKED", "paused"),
         ({}, {"phase": "ended"}, "TRACKED", "last image"),
         ({"notice": "tilt-open"}, {}, "NOT SURE YET", SENTENCES["tilt-open"]),
         ({"notice": "contact-unseen"}, {}, "NOT SURE YET", "unseen"),

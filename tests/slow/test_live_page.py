@@ -342,6 +342,7 @@ def test_errors_are_one_line_on_the_page_and_a_broken_link_is_mended(tmp_path: P
             page.reads("#status", "Broken off")
             server.stop()
             page.reads("#link", "no connection")
+            page.reads("#status", "OFFLINE")
             another_run = PageServer(session, port=server.port)
             another_run.start()
             page.reads("#error", "use the address that grasptrack live printed")
@@ -368,7 +369,7 @@ def test_a_lost_object_is_told_with_a_remedy_and_its_last_place_and_silence_is_n
         camera.images.put(np.full_like(seen[0], 200))
         page.reads("#status", "LOST")
         page.reads("#remedy", "Try: take away what stands before it")
-        page.reads("#figures", "Last located\n1 images ago")
+        page.reads("#figures", "Last located\n1 image ago")
         script = """const p = document.getElementById("picture"), g = p.getContext("2d"), s = p.width / 2, t = p.height / 2;
             return [...g.getImageData(s + arguments[0], t + arguments[1], 1, 1).data]"""
         x, y = page.place(*contacts[0], seen[0].shape[:2])

@@ -123,7 +123,12 @@ def headline_of(shown: Shown) -> Headline:
     if result.repeated:
         return Headline("NOT SURE YET", "unstable", "the camera gave the same image again", "look whether it hangs")
     if shown.paused or shown.phase == "ended":
-        return Headline("TRACKED", "unstable", "in this image, which is held" if shown.paused else "in the last image")
+        why = (
+            "paused: the object may have moved since"
+            if shown.paused
+            else "the source has ended: this is its last image"
+        )
+        return Headline("TRACKED", "unstable", why)
     return Headline("OK TO CLOSE", "tracked", "the grasp is located and stable")
 
 

@@ -94,7 +94,7 @@ function drawCharts() {
 
 // What only the page can know: that nothing comes any more, so that what it shows is old.
 function headline() {
-  if (at("link").dataset.open !== "true") return { word: "NO CONNECTION", tone: "searching", why: "what is shown is old", remedy: "look whether grasptrack live still runs" };
+  if (at("link").dataset.open !== "true") return { word: "OFFLINE", tone: "searching", why: "what is shown is old", remedy: "look whether grasptrack live still runs" };
   if (moment.headline.tone === "tracked" && performance.now() - came > STALE_MS)
     return { word: "NOT SURE YET", tone: "unstable", why: "no image has come for some seconds", remedy: "look whether the camera still runs" };
   return moment.headline;

@@ -62,6 +62,7 @@ export class Tools {
     const moving = this.moment && this.moment.phase === "tracking" && !this.moment.paused;
     if (HELD.includes(tool) && moving) this.pausedHere = this.send("pause", { paused: true });
     else if (!HELD.includes(tool)) this.goOn();
+    this.leave(); // with the loupe, which the next tool may not have
     this.refresh();
   }
 
@@ -357,7 +358,7 @@ export class Tools {
         return this.points.length < 2 ? "Click the fingertips of the open gripper" : "Drag to correct, then save";
       case "outline":
         if (this.wire && this.wire.closed) return "Drag points to correct, then use the outline";
-        return this.drawn ? "Click along the edge; Enter or the first point closes it, Backspace takes one back" : "Click a point on the object's edge";
+        return this.drawn ? "Click along the edge; Enter closes it, Backspace takes a point back" : "Click a point on the object's edge";
       default:
         return "";
     }
