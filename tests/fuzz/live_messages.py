@@ -36,7 +36,7 @@ from harness import Finding
 
 FIELDS = ("image", "x", "y", "on", "width", "height", "points", "number", "paused", "value", "count", "step", "point")
 FIELDS += ("opening_m", "beyond_m", "symmetric", "do")
-STEPS = ("start", "hover", "add", "close", "move", "clear")
+STEPS = ("add", "hover", "close", "move", "back", "clear")
 SECRET = "what no page may show"
 PATHS = ("/", "/page/", "/files/", "/socket", "/files/grasps.csv", "/page/app.js")
 PIECES = (

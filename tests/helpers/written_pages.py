@@ -19,8 +19,8 @@ from typing import Any
 import typer
 
 import grasptrack
-from grasptrack.cli.advice import REMEDIES
 from grasptrack.io.columns import COLUMNS, IN_JSON
+from grasptrack.presentation import REMEDIES
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.numbers import OWN
 from grasptrack_bench.baselines import PEERS

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.cli.advice import MANY, MOST, REMEDIES, advice_for
+from grasptrack.cli.advice import MANY, MOST, advice_for
+from grasptrack.presentation import REMEDIES
 from grasptrack.tracking.messages import SENTENCES
 from research.studies.reason_pictures import SHOWN, STAGED, first_frame_with
 

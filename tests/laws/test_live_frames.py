@@ -4,7 +4,7 @@
 import json
 import math
 import struct
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import cv2
@@ -44,7 +44,9 @@ from grasptrack.live.commands import (
 )
 from grasptrack.live.frames import UNITS_PER_PX, Painter, moment_to_json
 from grasptrack.live.inbox import Arrival
-from grasptrack.live.state import KEPT, CurvePoint, Curves, Shown
+from grasptrack.live.state import KEPT, CurvePoint, Curves, Shown, headline_of
+from grasptrack.tracking.messages import SENTENCES
+from grasptrack.tracking.numbers import NUMBERS
 
 ANY = st.one_of(st.floats(), st.sampled_from([math.nan, math.inf, -math.inf, 0.0]))
 CORNERS = np.array([[10, 10], [25, 10], [40.123, 10], [40, 25], [40, 40], [25, 40.0049], [10, 40], [10, 25]])
@@ -62,7 +64,7 @@ def result_of(**values: Any) -> TrackResult:
         "view": View(Contour(CORNERS)),
         "covariance": np.stack([0.25 * np.eye(2)] * 2),
     }
-    return TrackResult(0, None, "tracked", "", **{**given, **values})
+    return TrackResult(**{"frame": 0, "time": None, "status": "tracked", "reason": "", **given, **values})
 
 
 def shown_of(image: int = 1, number: int = 1, **more: Any) -> Shown:
@@ -82,9 +84,11 @@ def test_any_figures_make_strict_json(
     def refuse(name: str) -> None:
         raise AssertionError(f"{name} is no JSON")
 
-    content = json.loads(moment_to_json(shown_of(result=result)), parse_constant=refuse)["result"]
-    assert content["chance"] == (chance if math.isfinite(chance) else None)
-    assert content["latency_ms"] == (latency if math.isfinite(latency) else None)
+    content = json.loads(moment_to_json(shown_of(result=result)), parse_constant=refuse)
+    figures = {key: value for key, _, value, _ in content["figures"]}
+    told = {"margin": margin, "chance": chance, "latency": latency, "distance": distance}
+    assert {key for key in told if key in figures} == {key for key, value in told.items() if math.isfinite(value)}
+    assert not any(word in value for value in figures.values() for word in ("nan", "inf"))
 
 
 def test_lines_are_exact_to_a_hundredth_and_contacts_to_a_thousandth() -> None:
@@ -93,8 +97,67 @@ def test_lines_are_exact_to_a_hundredth_and_contacts_to_a_thousandth() -> None:
     assert all(isinstance(value, int) for value in outline)
     assert np.abs(np.reshape(outline, (-1, 2)) / UNITS_PER_PX - CORNERS).max() <= 0.5 / UNITS_PER_PX + 1e-9
     assert content["result"]["contacts"] == [[10.0, 25.123], [40.0, 25.0]]
-    assert content["result"]["sigmas"] == pytest.approx([0.707, 0.707], abs=1e-3)
+    assert ["contacts", "Contacts", "± 0.71 px"] in [each[:3] for each in content["figures"]]
     assert content["meant"]["on"] == [[1.5, 2.25]] and content["size"] == [64, 48]
+
+
+@pytest.mark.parametrize(
+    ("values", "key", "value"),
+    [
+        ({"margin": math.radians(7.63), "margin_sd": math.radians(1.24)}, "margin", "7.6 ± 1.2°"),
+        ({"distance": 330.12, "distance_sd": 99.9}, "distance", "330 ± 100 mm"),
+        ({"distance": 0.3301, "distance_sd": 0.0042}, "distance", "0.330 ± 0.004 mm"),
+        ({"chance": 1.0}, "chance", "> 99.9 %"),
+        ({"chance": 0.996}, "chance", "99.6 %"),
+        ({"confidence": 1.0 - NUMBERS.untested}, "confidence", "≥ 0.999"),
+        ({"confidence": 0.99871}, "confidence", "0.9987"),
+        ({"confidence": 0.99871, "status": "lost", "contacts": None}, "guess", "0.9987"),
+        ({"confidence": 1.0}, "confidence", None),
+    ],
+)
+def test_figures_have_units_and_are_never_certain(values: dict[str, Any], key: str, value: str | None) -> None:
+    content = json.loads(moment_to_json(shown_of(result=result_of(**values), unit="mm")))
+    assert {each[0]: each[2] for each in content["figures"]}.get(key) == value
+    assert all(tip for *_, tip in content["figures"])
+
+
+LOST = {"status": "lost", "contacts": None, "reason": "not here", "reason_code": "not-found"}
+
+
+@pytest.mark.parametrize(
+    ("values", "more", "word", "part"),
+    [
+        ({}, {}, "OK TO CLOSE", "stable"),
+        ({}, {"paused": True}, "TRACKED", "paused"),
+        ({}, {"phase": "ended"}, "TRACKED", "last image"),
+        ({"notice": "tilt-open"}, {}, "NOT SURE YET", SENTENCES["tilt-open"]),
+        ({"notice": "contact-unseen"}, {}, "NOT SURE YET", "unseen"),
+        ({"notice": "not-flat"}, {}, "TRACKED", "Do not close"),
+        ({"object_sure": False}, {}, "NOT SURE YET", "which object"),
+        ({"object_sure": False, "notice": "tilt-open"}, {}, "NOT SURE YET", SENTENCES["tilt-open"]),
+        ({"repeated": True}, {}, "NOT SURE YET", "same image"),
+        ({"status": "unstable", "reason": "the fingers slip", "reason_code": "slips"}, {}, "NOT SURE YET", "slip"),
+        ({"status": "unstable", "reason": "no", "reason_code": "not-closing"}, {}, "TRACKED", "Do not close: no"),
+        (LOST, {}, "LOST", "not here"),
+        (LOST, {"paused": True}, "LOST", "not here"),
+    ],
+)
+def test_only_what_is_sure_now_is_ok_to_close(
+    values: dict[str, Any], more: dict[str, Any], word: str, part: str
+) -> None:
+    found = headline_of(replace(shown_of(result=result_of(**values)), **more))
+    assert found.word == word and part in found.why
+    assert (found.tone == "tracked") == (word == "OK TO CLOSE")
+    code = values.get("reason_code") or values.get("notice")
+    assert "(--" not in found.remedy and (not code or bool(found.remedy))
+
+
+def test_a_lost_object_leaves_its_last_place() -> None:
+    last, lost = result_of(), replace(result_of(**LOST), frame=8)
+    content = json.loads(moment_to_json(shown_of(result=lost, last=last)))
+    assert content["ghost"]["contacts"] == [[10.0, 25.123], [40.0, 25.0]] and len(content["ghost"]["outlines"]) == 1
+    assert ["last", "Last located", "8 images ago"] in [each[:3] for each in content["figures"]]
+    assert json.loads(moment_to_json(shown_of(result=last, last=last)))["ghost"] is None
 
 
 def test_an_image_is_encoded_once_and_sent_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,7 +228,7 @@ GOOD = st.one_of(
     st.builds(Pause, st.booleans()),
     st.builds(Friction, POSITIVE),
     st.builds(Fingers, st.integers(2, 3)),
-    st.builds(Wire, IMAGE, st.sampled_from(["start", "hover", "add", "close", "move", "clear"]), NUMBER, NUMBER, IMAGE),
+    st.builds(Wire, IMAGE, st.sampled_from(["add", "hover", "close", "move", "back", "clear"]), NUMBER, NUMBER, IMAGE),
     st.builds(Hover, IMAGE, NUMBER, NUMBER),
     st.builds(Fingertips, st.lists(POINT, min_size=2, max_size=8).map(tuple), POSITIVE, NUMBER, st.booleans()),
     st.builds(Record, st.booleans()),
@@ -231,7 +294,7 @@ def test_what_is_no_json_object_is_refused(text: str | bytes) -> None:
         ('{"do": "choose", "number": 0}', "1 to 3"),
         ('{"do": "contacts", "image": 1, "points": [[1, 2]]}', "2 to 8"),
         ('{"do": "outline", "image": 1, "points": [[1, 2], [3]]}', "points"),
-        ('{"do": "wire", "image": 1, "step": "jump"}', "one of start"),
+        ('{"do": "wire", "image": 1, "step": "jump"}', "one of add"),
     ],
 )
 def test_each_refusal_says_what_is_wrong(message: str, told: str) -> None:

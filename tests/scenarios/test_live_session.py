@@ -134,8 +134,8 @@ def test_a_box_an_outline_and_a_wire_say_which_object(tmp_path: Path) -> None:
         assert shown.result is not None and shown.result.view is not None
         box_outline = shown.result.view.outer.points
         assert box_outline[:, 0].min() > 240.0
-        for step, (x, y) in zip(("start", "add", "add", "add"), box_outline[:: len(box_outline) // 4][:4], strict=True):
-            session.send_command(told.Wire(1, step, x, y))  # type: ignore[arg-type]
+        for x, y in box_outline[:: len(box_outline) // 4][:4]:
+            session.send_command(told.Wire(1, "add", x, y))
         session.send_command(told.Wire(1, "close"))
         shown = until(session, lambda s: s.wire is not None and s.wire.closed)
         assert shown.wire is not None and shown.wire.path is not None and len(shown.wire.points) == 4

@@ -375,6 +375,7 @@ def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandS
     from grasptrack.live.settings import Settings
     from grasptrack.segmentation.segmenters import segmenter_for
 
+    length = None if known.length is None else parse_measure(known.length, "--length")
     return Settings(
         strategy=grasp.strategy,
         fingers=grasp.finger_count(),
@@ -382,7 +383,8 @@ def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandS
         risk=grasp.risk,
         hand=hand.hand_for(grasp),
         camera=load_calibration(first.camera),
-        length=None if known.length is None else parse_measure(known.length, "--length").value,
+        length=length and length.value,
+        unit=length.unit if length else "",
         belt=None if known.belt is None else parse_pair(known.belt, "--belt", "a velocity in px/s written vx,vy"),
         pixel_aspect=known.pixel_aspect,
         resynthesize=grasp.resynthesize,

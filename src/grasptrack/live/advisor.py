@@ -187,16 +187,20 @@ class WireDesk:
             self._image, self._wire = command.image, LiveWire(arrival.frame.image)
         wire = self._wire
         try:
-            if command.step == "start":
-                wire.start(command.x, command.y)
-            elif command.step == "add":
+            if command.step == "add" and wire.points:
                 wire.add(command.x, command.y)
+            elif command.step == "add":  # the first click: who clicks fast cannot know yet which it is
+                wire.start(command.x, command.y)
             elif command.step == "close":
                 wire.close()
             elif command.step == "move":
                 wire.move(command.point, command.x, command.y)
             elif command.step == "hover":
                 hover = wire.path_to(command.x, command.y)
+            elif command.step == "back" and len(kept := wire.points[: None if wire.is_closed else -1]) > 0:
+                wire.start(*kept[0])
+                for point in kept[1:]:
+                    wire.add(*point)
             else:
                 self._wire = None
                 return WireState(command.image)

@@ -111,10 +111,10 @@ class Fingers:
 
 @dataclass(frozen=True)
 class Wire:
-    """A step of a live wire; `point` counts the clicks from 0 and is for "move"."""
+    """A step of a live wire; `point` counts the clicks from 0 and is for "move"; the first "add" begins it."""
 
     image: int
-    step: Literal["start", "hover", "add", "close", "move", "clear"]
+    step: Literal["add", "hover", "close", "move", "back", "clear"]
     x: float = 0.0
     y: float = 0.0
     point: int = 0

@@ -80,7 +80,12 @@ class LiveSession(SessionLoop):
         self._first_meant, self._at_once = meant or FirstImage(), at_once
         self._nothing_meant = self._first_meant.of_no_object()
         fingers = max(CONTACTS, settings.fingers, len(self._first_meant.grasp or ()))
-        shown = Shown(meant=self._nothing_meant, friction=settings.friction, fingers=settings.fingers, live=source.live)
+        of_settings: dict[str, Any] = {
+            "friction": settings.friction,
+            "fingers": settings.fingers,
+            "unit": settings.unit,
+        }
+        shown = Shown(meant=self._nothing_meant, live=source.live, **of_settings)
         super().__init__(source, output, fingers, shown, options or {}, record_as, pace)
         self._desk = WireDesk()
         self._tracker: GraspTracker | None = None
@@ -153,7 +158,8 @@ class LiveSession(SessionLoop):
             self._grasps = max(self._grasps, result.grasp_id or 0)
         phase = "ended" if self._over else "tracking"
         self.curves.add(result)
-        self._set_shown(phase=phase, image=image, arrival=arrival, result=result, **changed)
+        last = result if result.located else self._shown.last
+        self._set_shown(phase=phase, image=image, arrival=arrival, result=result, last=last, **changed)
         if image > self._recorded:
             self._recorded = image
             self._run.write_frame(arrival.frame, result)

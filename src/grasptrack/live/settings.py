@@ -22,7 +22,7 @@ from grasptrack.typing import Pixels
 
 @dataclass(frozen=True)
 class Settings:
-    """How a session tracks; the attributes are those of `GraspTracker`, and mean the same."""
+    """How a session tracks; the attributes are those of `GraspTracker`, and mean the same; `unit` is that of the length."""
 
     strategy: str = AUTO
     fingers: int = 2
@@ -38,6 +38,7 @@ class Settings:
     tolerance: Length | None = None
     wait: bool = False
     next_object: bool = False
+    unit: str = ""
 
     def tracking_options(self, meant: FirstImage) -> dict[str, Any]:
         """As options of `grasptrack track`, by their names; images, hands and nets are none of it."""
@@ -65,7 +66,8 @@ class Settings:
             InputError: what does not go together.
         """
         fingers = self.fingers if meant.grasp is None else len(meant.grasp)
-        return GraspTracker(**meant.tracker_arguments(), **{**vars(self), "fingers": fingers})
+        known = {name: value for name, value in vars(self).items() if name != "unit"}
+        return GraspTracker(**meant.tracker_arguments(), **{**known, "fingers": fingers})
 
 
 class TurnTaking:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections import deque
 from dataclasses import dataclass, field
@@ -13,8 +14,10 @@ from grasptrack.first_image import FirstImage
 from grasptrack.io.columns import NAMED
 from grasptrack.live.advisor import HoverOutline, Proposal, Verdict, WireState
 from grasptrack.live.inbox import Arrival
-from grasptrack.presentation import plain_value
+from grasptrack.presentation import REMEDIES, plain_value
+from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.result import TrackResult
+from grasptrack.typing import Status
 
 Phase = Literal["opening", "looking", "choosing", "tracking", "ended", "failed"]
 """opening: no image yet, or none with an object; looking: an object is looked for in the image that is held; choosing: it waits
@@ -32,10 +35,11 @@ class Shown:
         image: number of the image, from 1; 0 before the first.
         arrival: the image; None before the first.
         result: what the tracker said of it; None where none did.
+        last: in which the object was located last.
         proposal: what may be followed, while choosing.
         verdict: how well that can be tracked; None until it is known.
         meant: what was said of the object.
-        friction, fingers: of the settings.
+        friction, fingers, unit: of the settings.
         wire, hover: for those who draw.
         notice: the last line for people, and its number, by which a page knows whether it has shown it.
         recording: name of the file that is recorded; empty where none is.
@@ -50,11 +54,13 @@ class Shown:
     image: int = 0
     arrival: Arrival | None = None
     result: TrackResult | None = None
+    last: TrackResult | None = None
     proposal: Proposal | None = None
     verdict: Verdict | None = None
     meant: FirstImage = field(default_factory=FirstImage)
     friction: float = 0.5
     fingers: int = 2
+    unit: str = ""
     wire: WireState | None = None
     hover: HoverOutline | None = None
     notice: tuple[int, str] = (0, "")
@@ -63,6 +69,79 @@ class Shown:
     dropped: int = 0
     files: tuple[str, ...] = ()
     live: bool = False
+
+
+class Headline(NamedTuple):
+    """A moment for who looks from afar.
+
+    Attributes:
+        word: one or few; the four in capitals say whether fingers may close.
+        tone: status whose colour it has; that of "tracked" means that they may, now.
+        why: a sentence.
+        remedy: what to try; empty where nothing is to be done.
+    """
+
+    word: str
+    tone: Status
+    why: str
+    remedy: str = ""
+
+
+WRONG = ("not-closing", "not-flat", "not-pinhole")
+"""Codes of located frames that further views do not settle."""
+AGAIN = "choose again and take its number, or draw its outline"
+
+
+def headline_of(shown: Shown) -> Headline:
+    """The moment in a word, why, and what to try."""
+    result = shown.result
+    code = (result.reason_code or result.notice) if result else ""
+    told = (result.reason or SENTENCES[code]) if result and code else ""
+    remedy = re.sub(r" \(--[^)]*\)", "", REMEDIES.get(code, ""))  # options are for a terminal; the page has tools
+    if shown.phase == "looking":
+        return Headline("Looking", "searching", "for the object in this image")
+    if shown.phase == "choosing":
+        return _question_of(shown, told, remedy)
+    if shown.phase == "failed":
+        return Headline("Broken off", "lost", shown.notice[1])
+    if result is None:
+        waits = shown.phase == "opening"
+        return Headline(
+            "Waiting" if waits else "Ended", "searching", "for the first image" if waits else "no more images"
+        )
+    if result.status == "searching":
+        return Headline("Searching", "searching", told or "no object yet", remedy)
+    if result.status == "lost":
+        return Headline("LOST", "lost", told, remedy)
+    if not result.object_sure:
+        why = "; ".join(part for part in ("which object is meant is not sure", told) if part)
+        return Headline("NOT SURE YET", "unstable", f"Do not close yet: {why}", AGAIN)
+    if code in WRONG:
+        return Headline("TRACKED", "unstable", f"Do not close: {told}", remedy)
+    if code:
+        return Headline("NOT SURE YET", "unstable", f"Do not close yet: {told}", remedy)
+    if result.repeated:
+        return Headline("NOT SURE YET", "unstable", "the camera gave the same image again", "look whether it hangs")
+    if shown.paused or shown.phase == "ended":
+        why = (
+            "paused: the object may have moved since"
+            if shown.paused
+            else "the source has ended: this is its last image"
+        )
+        return Headline("TRACKED", "unstable", why)
+    return Headline("OK TO CLOSE", "tracked", "the grasp is located and stable")
+
+
+def _question_of(shown: Shown, told: str, remedy: str) -> Headline:
+    """Of a moment that waits for a person's choice."""
+    found = shown.proposal and shown.proposal.candidates
+    if not shown.proposal or not found:
+        return Headline("No object", "searching", shown.notice[1] or told or "click it, or draw its outline", remedy)
+    if shown.proposal.is_sure(shown.meant.sure):
+        return Headline("Object found", "searching", "Start follows the grasp that is shown")
+    if len(found) == 1 and (shown.meant.object_at or shown.meant.box):
+        return Headline("This one?", "unstable", "press Start if its outline is right; else click again, or draw it")
+    return Headline("Which object?", "unstable", "take a number, or click the object")
 
 
 KEPT = 240

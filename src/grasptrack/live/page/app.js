@@ -12,14 +12,15 @@ const style = (name) => computed.getPropertyValue(name).trim();
 const percent = (p) => `${(100 * p).toFixed(p > 0.995 && p < 1 ? 1 : 0)} %`;
 const ERROR_MS = 8000;
 const CHARTS_MS = 100; // curves are drawn that often at most: eyes see no difference, and slow machines do
-const SURE = 0.9;
+const STALE_MS = 3000; // files have an image every two seconds at least
+const CHARTED = ["margin", "confidence", "guess", "latency"]; // figures that stand above their curves
 
 let moment = null;
 let showsAll = false; // candidates that are unlikely, where the first is sure
 let noticed = null;
 let wait = null;
 let chartsWait = null;
-let figuresShown = "";
+let came = 0; // when the last image came, ms
 let typed = null; // what a person types as friction, until the tracker has it; its value once it is one
 
 // The address holds the token only until the page has its cookie: it shall not stay in the history.
@@ -27,9 +28,9 @@ if (location.search) history.replaceState(null, "", location.pathname);
 
 const picture = new Picture(at("picture"), at("loupe"));
 const charts = {
-  margin: new Chart(at("margin"), at("margin-now"), { unit: "°", digits: 1, zero: true }),
-  confidence: new Chart(at("confidence"), at("confidence-now"), { unit: "", digits: 3, low: 0, high: 1 }),
-  latency: new Chart(at("latency"), at("latency-now"), { unit: " ms", digits: 1, zero: true, peaks: false }),
+  margin: new Chart(at("margin"), { zero: true }),
+  confidence: new Chart(at("confidence"), { low: 0, high: 1 }),
+  latency: new Chart(at("latency"), { zero: true, peaks: false }),
 };
 const connection = new Connection({ onMoment, onError: (line) => say(line), onHello, onLink });
 const send = (command, fields) => connection.send(command, fields);
@@ -48,6 +49,7 @@ function onLink(open) {
   const link = at("link");
   link.dataset.open = open;
   link.textContent = open ? "live" : "no connection";
+  showHeadline();
   if (open && typed && typed.value !== null) send("friction", { value: typed.value }); // what was typed meanwhile
 }
 
@@ -56,11 +58,12 @@ function onMoment(next, bitmap) {
     showsAll = false;
     picture.pointed = 0;
   }
-  const hidden = !showsAll && next.candidates.length && next.candidates[0].probability >= SURE;
-  next.others = hidden ? next.candidates.splice(1).length : 0;
+  next.others = next.sure && !showsAll ? next.candidates.splice(1).length : 0;
+  if (!moment || moment.image !== next.image || next.phase !== "tracking") came = performance.now();
   moment = next;
   tools.take(next);
   picture.show(next, bitmap);
+  showHeadline();
   if (next.curves.length) chart(next.curves);
   showState();
   showChoice();
@@ -73,9 +76,8 @@ function onMoment(next, bitmap) {
 function chart(points) {
   at("charts").hidden = false;
   for (const [margin, confidence, latency, status] of points) {
-    const lost = status === "lost"; // the best guess, which was not given out, is not rounded up to certainty
     charts.margin.add(margin, status);
-    charts.confidence.add(lost ? Math.floor(1000 * confidence) / 1000 : confidence, status, lost ? "best guess" : "");
+    charts.confidence.add(confidence, status);
     charts.latency.add(latency, status);
   }
   chartsWait ??= setTimeout(() => {
@@ -90,50 +92,56 @@ function drawCharts() {
 
 // --- state ---
 
+// What only the page can know: that nothing comes any more, so that what it shows is old.
 function headline() {
-  const { phase, result, candidates, notice, meant } = moment;
-  const told = result ? result.reason || result.notice : "";
-  switch (phase) {
-    case "opening":
-      return result ? ["Searching", told || "no object yet", "searching"] : ["Waiting", "for the first image", "searching"];
-    case "looking":
-      return ["Looking", "for the object in this image", "searching"];
-    case "choosing":
-      if (!candidates.length) return ["No object", notice.text || told || "click it, or draw its outline", "searching"];
-      if (candidates[0].probability >= SURE) return ["Object found", "Start follows the grasp that is shown", "searching"];
-      if (candidates.length === 1 && (meant.on.length || meant.box))
-        return ["This one?", "Press Start if its outline is right; else click again, or draw it", "unstable"];
-      return ["Which object?", "Take a number, or click the object", "unstable"];
-    case "failed":
-      return ["Broken off", notice.text, "lost"];
-    default: {
-      const word = result ? result.status[0].toUpperCase() + result.status.slice(1) : "Ended";
-      const sure = result && !result.object_sure ? "Which object is meant is not sure. " : "";
-      const reason = sure + (told || (result && result.status === "tracked" ? "grasp located and stable" : ""));
-      return [word, phase === "ended" ? `${reason} · end of the source` : reason, result ? result.status : "searching"];
-    }
+  if (at("link").dataset.open !== "true") return { word: "OFFLINE", tone: "searching", why: "what is shown is old", remedy: "look whether grasptrack live still runs" };
+  if (moment.headline.tone === "tracked" && performance.now() - came > STALE_MS)
+    return { word: "NOT SURE YET", tone: "unstable", why: "no image has come for some seconds", remedy: "look whether the camera still runs" };
+  return moment.headline;
+}
+
+function showHeadline() {
+  if (!moment) return;
+  const { word, tone, why, remedy } = headline();
+  setText(at("status"), word);
+  setText(at("reason"), why);
+  setText(at("remedy"), remedy && `Try: ${remedy}`);
+  setData("status", tone);
+  if (picture.tone !== tone) {
+    picture.tone = tone;
+    picture.draw();
   }
+  if (document.title !== `${word} – grasptrack`) document.title = `${word} – grasptrack`;
 }
 
 function showState() {
-  const [word, reason, status] = headline();
-  setText(at("status"), word);
-  setText(at("reason"), reason);
-  at("paused").hidden = !moment.paused;
+  const held = moment.paused ? "paused" : moment.phase === "ended" ? "ended" : "";
+  at("paused").hidden = !held;
+  setText(at("paused"), held);
   setData("phase", moment.phase);
-  setData("status", status);
-  if (document.title !== `${word} – grasptrack`) document.title = `${word} – grasptrack`;
-  const { result } = moment;
-  const figures = [["Image", String(moment.image)]];
   at("picture").title = moment.name || "";
-  if (Number.isFinite(moment.time)) figures.push(["Time", `${moment.time.toFixed(2)} s`]);
-  if (result && result.grasp !== null) figures.push(["Grasp", String(result.grasp)]);
-  if (result && Number.isFinite(result.margin_deg)) figures.push(["Margin", `${result.margin_deg.toFixed(1)}°`]);
-  if (result && Number.isFinite(result.chance)) figures.push(["Closes", percent(result.chance)]);
-  if (result && result.sigmas && !result.sigmas.includes(null)) figures.push(["Contacts", `± ${Math.max(...result.sigmas).toFixed(2)} px`]);
-  if (result && Number.isFinite(result.distance)) figures.push(["Distance", result.distance.toPrecision(4)]);
-  const text = figures.map(([name, value]) => `<div><dt>${name}</dt><dd>${value}</dd></div>`).join("");
-  if (text !== figuresShown) at("figures").innerHTML = figuresShown = text;
+  const told = Object.fromEntries(moment.figures.map((each) => [each[0], each]));
+  const absent = [null, null, "–", ""];
+  for (const [id, [, label, value, tip]] of Object.entries({ margin: told.margin || absent, confidence: told.confidence || told.guess || absent, latency: told.latency || absent })) {
+    const figure = at(id).parentElement;
+    setText(at(`${id}-now`), value);
+    if (label) setText(figure.querySelector("span"), label);
+    if (tip && figure.title !== tip) figure.title = tip;
+  }
+  const rest = moment.figures.filter(([key]) => at("charts").hidden || !CHARTED.includes(key));
+  const keys = rest.map(([key]) => key).join();
+  const list = at("figures");
+  if (list.dataset.keys !== keys) {
+    list.dataset.keys = keys;
+    list.replaceChildren(
+      ...rest.map(([, label, , tip]) => {
+        const figure = element("div", { title: tip }); // it stays while its value changes: so does its tooltip
+        figure.append(element("dt", { textContent: label }), element("dd"));
+        return figure;
+      }),
+    );
+  }
+  rest.forEach(([, , value], i) => setText(list.children[i].lastChild, value));
 }
 
 function showChoice() {
@@ -201,6 +209,7 @@ function showVerdict() {
 function showControls() {
   document.querySelectorAll("[data-tool]").forEach((button) => button.setAttribute("aria-pressed", button.dataset.tool === tools.tool));
   setText(at("hint"), tools.hint() || idleHint());
+  at("whole").hidden = picture.zoom === 1;
   const tips = tools.tool === "fingertips";
   at("goal").hidden = !tips;
   setText(at("goal-lead"), `${tools.points.length} fingertip${tools.points.length === 1 ? "" : "s"} marked`);
@@ -211,7 +220,7 @@ function showControls() {
   at("use-wire").hidden = !wire;
   at("start").hidden = wire || !(phase === "choosing" || phase === "looking");
   at("start").disabled = phase === "choosing" && !(moment.result || moment.candidates.length);
-  const unsure = phase === "choosing" && moment.candidates.length > 0 && moment.candidates[0].probability < SURE;
+  const unsure = phase === "choosing" && moment.candidates.length > 0 && !moment.sure;
   setButton(at("start"), unsure ? "Start with 1" : "Start", "Enter");
   at("pause").disabled = phase !== "tracking";
   setButton(at("pause"), moment.paused ? "Go on" : "Pause", "Space");
@@ -281,6 +290,9 @@ const actions = {
   restart: () => send("restart"),
   record: () => moment && send("record", { on: !moment.recording.name }),
   "save-goal": saveGoal,
+  whole: () => zoomBy(0),
+  snapshot: saveSnapshot,
+  full: () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()).catch((error) => say(String(error))),
   "help-button": () => at("help").showModal(),
   theme: switchTheme,
 };
@@ -328,6 +340,23 @@ function saveGoal() {
   send("fingertips", { points: tools.points, ...fields });
 }
 
+// About the middle of the frame; by 0: the whole picture.
+function zoomBy(factor) {
+  const { left, top, width, height } = picture.canvas.getBoundingClientRect();
+  if (factor) picture.zoomAt(left + width / 2, top + height / 2, factor);
+  else picture.showWhole();
+  showControls();
+}
+
+function saveSnapshot() {
+  if (!moment || !picture.bitmap) return;
+  picture.snapshot().toBlob((blob) => {
+    const link = element("a", { href: URL.createObjectURL(blob), download: `grasptrack-${moment.image}.png` });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), ERROR_MS);
+  });
+}
+
 function switchTheme() {
   const root = document.documentElement;
   root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
@@ -360,11 +389,19 @@ function redraw() {
 }
 
 const KEYS = { o: "object", x: "not", c: "contacts", w: "outline", f: "fingertips" };
-const SHORT = { n: "rechoose", r: "restart", v: "record", t: "theme", "?": "help-button", " ": "pause" };
+const SHORT = { n: "rechoose", r: "restart", v: "record", t: "theme", "?": "help-button", " ": "pause", 0: "whole", p: "snapshot", l: "full" };
+const ZOOMS = { "+": 1.25, "=": 1.25, "-": 0.8 };
 
 document.addEventListener("keydown", (event) => {
   const target = event.target;
-  if (event.ctrlKey || event.metaKey || at("help").open || target.matches("input")) return;
+  if (at("help").open || target.matches("input")) return;
+  const command = event.ctrlKey || event.metaKey;
+  if (event.key === "Backspace" || (command && event.key.toLowerCase() === "z")) {
+    tools.takeBack();
+    event.preventDefault();
+    return;
+  }
+  if (command) return;
   if (target === picture.canvas && tools.key(event)) {
     event.preventDefault();
     return;
@@ -373,10 +410,12 @@ document.addEventListener("keydown", (event) => {
   const key = event.key.toLowerCase();
   if (key in KEYS) tools.select(KEYS[key]);
   else if (key in SHORT) actions[SHORT[key]]();
+  else if (key in ZOOMS) zoomBy(ZOOMS[key]);
   else if (/^[1-3]$/.test(key)) {
     if (moment && moment.phase === "choosing") send("choose", { number: Number(key) });
   } else if (key === "enter") {
     if (!at("use-wire").hidden) tools.useWire();
+    else if (tools.drawn) tools.closeWire();
     else if (!at("start").hidden && !at("start").disabled) send("start");
   } else if (key === "escape") tools.undo();
   else return;
@@ -384,4 +423,6 @@ document.addEventListener("keydown", (event) => {
 });
 
 firstTheme();
+at("full").hidden = !document.fullscreenEnabled;
+setInterval(showHeadline, 500);
 new ResizeObserver(redraw).observe(at("frame"));

@@ -4,24 +4,22 @@
 const KEPT = 240;
 
 export class Chart {
-  constructor(canvas, output, { unit, digits, low = null, high = null, zero = false, peaks = true }) {
-    Object.assign(this, { canvas, output, unit, digits, low, high, zero, peaks, values: [], states: [] });
+  constructor(canvas, { low = null, high = null, zero = false, peaks = true }) {
+    Object.assign(this, { canvas, low, high, zero, peaks, values: [], states: [] });
   }
 
-  add(value, status, note = "") {
+  add(value, status) {
     this.values.push(Number.isFinite(value) ? value : null);
     this.states.push(status);
     if (this.values.length > KEPT) {
       this.values.shift();
       this.states.shift();
     }
-    this.output.textContent = Number.isFinite(value) ? `${note} ${value.toFixed(this.digits)}${this.unit}`.trim() : "–";
   }
 
   clear() {
     this.values = [];
     this.states = [];
-    this.output.textContent = "–";
   }
 
   // The largest value but for rare peaks, such as the first look, beside which nothing else could be seen.

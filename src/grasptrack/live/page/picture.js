@@ -5,19 +5,24 @@
 export const NUMBER_COLOURS = ["#ffd23f", "#56b4e9", "#e07ab8"];
 const DARK = "rgb(8 12 16 / 85%)";
 const LOUPE = 8; // screen px per px of the image, at least
+const FARTHEST = 24; // times the size at which the whole image is in view
+const SNAPSHOT = 960; // px of a snapshot's width at least: what is drawn shall be legible
 
 export class Picture {
   constructor(canvas, loupe) {
-    Object.assign(this, { canvas, loupe, bitmap: null, moment: null, sketch: null, cursor: null, pointed: 0, tool: "object" });
+    Object.assign(this, { canvas, loupe, bitmap: null, moment: null, sketch: null, cursor: null, pointed: 0, tool: "object", tone: "searching" });
     this.style = getComputedStyle(document.body);
     this.scale = 1;
     this.left = this.top = 0;
+    this.zoom = 1;
+    this.centre = [0, 0]; // of the frame, px of the image from its upper left corner
   }
 
   show(moment, bitmap) {
     this.moment = moment;
     this.bitmap = bitmap;
     const aspect = bitmap ? `${bitmap.width} / ${bitmap.height}` : this.aspect;
+    if (aspect !== this.aspect) this.zoom = 1;
     if (aspect !== this.aspect) this.canvas.parentElement.style.setProperty("--aspect", (this.aspect = aspect));
     this.draw();
   }
@@ -29,9 +34,44 @@ export class Picture {
     if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
     if (!this.bitmap) return;
     this.ratio = ratio;
-    this.scale = Math.min(width / this.bitmap.width, height / this.bitmap.height);
-    this.left = (width - this.scale * this.bitmap.width) / 2;
-    this.top = (height - this.scale * this.bitmap.height) / 2;
+    const rooms = [width, height];
+    const sizes = [this.bitmap.width, this.bitmap.height];
+    this.fit = Math.min(...rooms.map((room, k) => room / sizes[k]));
+    this.scale = this.fit * this.zoom;
+    // Where it is smaller than its frame the image lies in the middle; where it is larger it leaves nothing of the frame empty.
+    [this.left, this.top] = rooms.map((room, k) => {
+      const free = room - this.scale * sizes[k];
+      const start = free >= 0 ? free / 2 : Math.min(Math.max(room / 2 - this.centre[k] * this.scale, free), 0);
+      this.centre[k] = (room / 2 - start) / this.scale;
+      return start;
+    });
+  }
+
+  // A place of the window as px of the canvas.
+  onCanvas(clientX, clientY) {
+    const box = this.canvas.getBoundingClientRect();
+    return [((clientX - box.left) * this.canvas.width) / box.width, ((clientY - box.top) * this.canvas.height) / box.height];
+  }
+
+  // Larger or smaller; what lies below a place of the window stays there.
+  zoomAt(clientX, clientY, factor) {
+    if (!this.bitmap) return;
+    const at = this.onCanvas(clientX, clientY);
+    const below = [(at[0] - this.left) / this.scale, (at[1] - this.top) / this.scale];
+    this.zoom = Math.min(Math.max(this.zoom * factor, 1), FARTHEST);
+    const scale = this.fit * this.zoom;
+    this.centre = [this.canvas.width, this.canvas.height].map((room, k) => below[k] + (room / 2 - at[k]) / scale);
+    this.draw();
+  }
+
+  panBy(dx, dy) {
+    this.centre = [this.centre[0] - this.reach(dx), this.centre[1] - this.reach(dy)];
+    this.draw();
+  }
+
+  showWhole() {
+    this.zoom = 1;
+    this.draw();
   }
 
   toScreen([x, y]) {
@@ -40,9 +80,7 @@ export class Picture {
 
   // px of the image at a place of the window; within the image, to a fraction of a px.
   toImage(clientX, clientY) {
-    const box = this.canvas.getBoundingClientRect();
-    const x = ((clientX - box.left) * this.canvas.width) / box.width;
-    const y = ((clientY - box.top) * this.canvas.height) / box.height;
+    const [x, y] = this.onCanvas(clientX, clientY);
     return this.clamp([(x - this.left) / this.scale - 0.5, (y - this.top) / this.scale - 0.5]);
   }
 
@@ -63,16 +101,32 @@ export class Picture {
     g.fillStyle = this.style.getPropertyValue("--stage");
     g.fillRect(0, 0, this.canvas.width, this.canvas.height);
     if (!this.bitmap || !this.moment) return;
+    this.unit = Math.min(Math.max(this.canvas.clientWidth / 640, 0.75), 1.6) * (this.ratio || 1);
+    this.paint(g);
+  }
+
+  // The whole image with what is drawn on it, however much of it the frame shows, as a canvas.
+  snapshot() {
+    const { scale, left, top, unit } = this;
+    const times = Math.max(1, Math.ceil(SNAPSHOT / this.bitmap.width));
+    const canvas = Object.assign(document.createElement("canvas"), { width: times * this.bitmap.width, height: times * this.bitmap.height });
+    Object.assign(this, { scale: times, left: 0, top: 0, unit: canvas.width / 720 });
+    this.paint(canvas.getContext("2d", { alpha: false }));
+    Object.assign(this, { scale, left, top, unit });
+    return canvas;
+  }
+
+  paint(g) {
     g.imageSmoothingEnabled = this.scale < 4;
     g.drawImage(this.bitmap, this.left, this.top, this.scale * this.bitmap.width, this.scale * this.bitmap.height);
-    this.unit = Math.min(Math.max(this.canvas.clientWidth / 640, 0.75), 1.6) * (this.ratio || 1);
-    const { result, candidates, phase, hover, meant, wire } = this.moment;
+    const { result, ghost, candidates, phase, hover, meant, wire } = this.moment;
     const choosing = phase === "looking" || phase === "choosing";
     if (hover && hover.image === this.moment.image && hover.outline.length) this.area(g, hover.outline, "rgb(86 180 233 / 30%)", "#56b4e9");
     // Who draws by hand sees the image itself; who sets contacts sees the outlines that they go to.
     const drawing = this.tool === "outline" || this.tool === "fingertips";
     if (choosing && candidates.length && !drawing) this.candidates(g, candidates, this.tool !== "contacts");
-    if (result && !drawing && !(choosing && this.tool === "contacts")) this.result(g, result, choosing);
+    if (ghost && !drawing) this.ghost(g, ghost);
+    else if (result && !drawing && !(choosing && this.tool === "contacts")) this.result(g, result, choosing);
     if (choosing && !drawing) this.marks(g, meant);
     if (wire && wire.image === this.moment.image) this.wire(g, wire);
     if (this.sketch) this.sketches(g, this.sketch);
@@ -117,8 +171,8 @@ export class Picture {
   number(g, place, text, colour = DARK, ink = "#fff") {
     const radius = 10 * this.unit;
     const within = (v, most) => Math.min(Math.max(v, radius + 1), most - radius - 1);
-    const x = within(place[0], this.canvas.width);
-    const y = within(place[1], this.canvas.height);
+    const x = within(place[0], g.canvas.width);
+    const y = within(place[1], g.canvas.height);
     this.disc(g, [x, y], radius + 1.5 * this.unit, DARK);
     this.disc(g, [x, y], radius, colour);
     g.fillStyle = ink;
@@ -169,7 +223,7 @@ export class Picture {
   result(g, result, choosing) {
     if (!choosing) result.outlines.forEach((outline) => this.line(g, outline, "#fff", 1.4, true));
     if (!result.contacts) return;
-    const colour = this.style.getPropertyValue(choosing ? "--searching" : `--${result.status}`).trim();
+    const colour = this.style.getPropertyValue(choosing ? "--searching" : `--${this.tone}`).trim();
     const contacts = result.contacts;
     const middle = [0, 1].map((k) => contacts.reduce((sum, c) => sum + c[k], 0) / contacts.length);
     (result.cones || []).forEach((cone) => {
@@ -193,6 +247,23 @@ export class Picture {
       const away = (22 * this.unit) / far;
       this.number(g, [at[0] + away * (at[0] - centre[0]), at[1] + away * (at[1] - centre[1])], String(i + 1));
     });
+  }
+
+  // Where a lost object was last: dashed, and dimmed.
+  ghost(g, { outlines, contacts }) {
+    const colour = "#ff8554"; // bright on the dark line below it, whatever the image shows
+    g.globalAlpha = 0.8;
+    g.setLineDash([7 * this.unit, 7 * this.unit]);
+    outlines.forEach((outline) => this.line(g, outline, colour, 2, true));
+    if (contacts.length === 2) this.line(g, contacts, colour, 2);
+    g.setLineDash([]);
+    for (const contact of contacts) {
+      const at = this.toScreen(contact);
+      this.disc(g, at, 7 * this.unit, DARK);
+      this.disc(g, at, 5.4 * this.unit, colour);
+      this.disc(g, at, 3.2 * this.unit, DARK);
+    }
+    g.globalAlpha = 1;
   }
 
   marks(g, meant) {
@@ -243,6 +314,7 @@ export class Picture {
   // What is being drawn: a box, or points that are not sent yet.
   sketches(g, sketch) {
     if (sketch.box) this.box(g, sketch.box);
+    (sketch.pending || []).forEach((point) => this.handle(g, point, "#9adcff"));
     if (sketch.points) {
       if (sketch.points.length > 1) this.line(g, sketch.points, sketch.colour, 1.6, sketch.points.length > 2);
       sketch.points.forEach((point, i) => {

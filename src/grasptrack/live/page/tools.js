@@ -4,6 +4,8 @@
 const DRAG = 6; // px of the window that make a drag of a click
 const SNAP = 22; // px of the window within which a contact goes to an outline
 const GRAB = 14; // px of the window within which a point is taken hold of
+const WHEEL = 500; // px of scrolling for a factor of e
+const LINE = 32; // px, where a wheel counts lines
 const WIRE_MS = 33;
 const HOVER_MS = 200;
 const COLOURS = { contacts: "#ffd23f", fingertips: "#9adcff" };
@@ -12,17 +14,25 @@ const HELD = ["contacts", "outline", "fingertips"]; // tools that need an image 
 export class Tools {
   constructor({ picture, send, onChange }) {
     Object.assign(this, { picture, send, onChange, tool: "object", points: [], hover: false, moment: null });
+    this.pending = []; // clicks of an outline that the session has not answered yet; it takes them one after another
+    this.count = 0; // of its points that the session has told
     this.press = null;
+    this.pointers = new Map(); // that are down, with their places in the window
+    this.panning = false; // until all of them are up
     this.pausedHere = false;
     this.asked = 0;
     const canvas = picture.canvas;
     canvas.addEventListener("pointerdown", (event) => this.down(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
     canvas.addEventListener("pointerup", (event) => this.up(event));
-    canvas.addEventListener("pointercancel", () => this.release());
+    canvas.addEventListener("pointercancel", (event) => this.release(event));
+    canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     canvas.addEventListener("pointerleave", () => this.press || this.leave());
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener("dblclick", () => this.tool === "outline" && this.closeWire());
+    canvas.addEventListener("dblclick", (event) => {
+      if (event.shiftKey) picture.showWhole(); // what a double click without it would choose is not meant
+      else if (this.tool === "outline") this.closeWire();
+    });
     canvas.addEventListener("blur", () => this.setCursor(null));
   }
 
@@ -35,18 +45,24 @@ export class Tools {
     return wire && wire.image === this.image ? wire : null;
   }
 
+  // How many points an outline has that is being drawn.
+  get drawn() {
+    return this.tool === "outline" ? this.count + this.pending.length : 0;
+  }
+
   get wanted() {
     return this.moment ? this.moment.fingers : 2;
   }
 
   select(tool) {
     if (tool === this.tool) return;
-    if (this.tool === "outline" && this.wire) this.send("wire", { image: this.image, step: "clear" });
+    if (this.drawn) this.clearWire();
     this.tool = tool;
     this.points = [];
     const moving = this.moment && this.moment.phase === "tracking" && !this.moment.paused;
     if (HELD.includes(tool) && moving) this.pausedHere = this.send("pause", { paused: true });
     else if (!HELD.includes(tool)) this.goOn();
+    this.leave(); // with the loupe, which the next tool may not have
     this.refresh();
   }
 
@@ -59,8 +75,16 @@ export class Tools {
   undo() {
     if (this.press) this.release();
     else if (this.points.length) this.points.pop();
-    else if (this.tool === "outline" && this.wire && this.wire.points.length) this.send("wire", { image: this.image, step: "clear" });
+    else if (this.drawn) this.clearWire();
     else this.select("object");
+    this.refresh();
+  }
+
+  // The last point is taken back; of a closed outline, that it was closed.
+  takeBack() {
+    if (this.drawn) {
+      if (this.send("wire", { image: this.image, step: "back" })) this.pending.pop();
+    } else this.points.pop();
     this.refresh();
   }
 
@@ -68,6 +92,10 @@ export class Tools {
     const other = this.moment && this.moment.image !== moment.image;
     this.moment = moment;
     if (other && this.tool === "contacts") this.points = [];
+    const before = this.count;
+    this.count = this.wire ? this.wire.points.length : 0;
+    if (other || (this.wire && this.wire.closed)) this.pending = [];
+    else this.pending.splice(0, Math.max(this.count - before, 0));
     if (moment.phase === "tracking" && !moment.paused && this.tool !== "fingertips" && HELD.includes(this.tool) && !this.pausedHere) this.select("object");
     this.sketch();
   }
@@ -75,11 +103,18 @@ export class Tools {
   // --- pointer ---
 
   down(event) {
-    if (!this.picture.bitmap || (event.button !== 0 && event.button !== 2)) return;
+    if (!this.picture.bitmap || event.button > 2) return;
     event.preventDefault();
     this.picture.canvas.focus({ preventScroll: true });
     this.setCursor(null);
     this.picture.canvas.setPointerCapture(event.pointerId);
+    this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    if (event.shiftKey || event.button === 1 || this.pointers.size > 1) {
+      this.panning = true;
+      this.press = null;
+      this.leave();
+      return;
+    }
     const at = this.picture.toImage(event.clientX, event.clientY);
     const against = event.button === 2 || event.altKey || this.tool === "not";
     this.press = { at, now: at, client: [event.clientX, event.clientY], against, dragged: false, grabbed: this.grab(at) };
@@ -88,6 +123,7 @@ export class Tools {
 
   move(event) {
     if (!this.picture.bitmap) return;
+    if (this.panning) return this.pan(event);
     const at = this.picture.toImage(event.clientX, event.clientY);
     const press = this.press;
     if (press) {
@@ -103,7 +139,37 @@ export class Tools {
     this.follow(at);
   }
 
+  // One pointer moves the image, two enlarge it too.
+  pan(event) {
+    if (!this.pointers.has(event.pointerId)) return;
+    const before = [...this.pointers.values()];
+    this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    const after = [...this.pointers.values()];
+    const middle = (places) => [0, 1].map((k) => places.reduce((sum, place) => sum + place[k], 0) / places.length);
+    const apart = (places) => (places.length > 1 ? Math.max(Math.hypot(places[0][0] - places[1][0], places[0][1] - places[1][1]), 1) : 1);
+    const [from, to] = [middle(before), middle(after)];
+    this.picture.panBy(to[0] - from[0], to[1] - from[1]);
+    this.picture.zoomAt(...to, apart(after) / apart(before));
+    this.onChange();
+  }
+
+  wheel(event) {
+    event.preventDefault();
+    const px = event.deltaMode ? LINE * event.deltaY : event.deltaY;
+    this.picture.zoomAt(event.clientX, event.clientY, Math.exp(-px / WHEEL));
+    this.onChange();
+  }
+
+  // Whether what went up was a part of a pan.
+  lifted(event) {
+    const panned = this.panning;
+    this.pointers.delete(event.pointerId);
+    if (!this.pointers.size) this.panning = false;
+    return panned;
+  }
+
   up(event) {
+    if (this.lifted(event)) return;
     const press = this.press;
     if (!press) return;
     const at = this.picture.toImage(event.clientX, event.clientY);
@@ -111,12 +177,15 @@ export class Tools {
     const box = press.dragged && press.grabbed === null && this.tool === "object" && !press.against;
     if (box) this.sendBox(press.at, at);
     else if (press.grabbed === null) this.click(at, press.against);
-    else if (!press.dragged && this.tool === "outline" && press.grabbed === 0) this.closeWire();
+    else if (press.dragged) this.drag(press.grabbed, at, 0); // where it was let go counts, however soon after the last move
+    else if (this.tool === "outline" && press.grabbed === 0) this.closeWire();
+    else if (this.tool === "outline" && this.farFrom(press.grabbed, at)) this.click(at, press.against);
     if (event.pointerType !== "mouse") this.leave();
     this.refresh();
   }
 
-  release() {
+  release(event) {
+    if (event) this.lifted(event);
     this.press = null;
     this.leave();
     this.refresh();
@@ -142,8 +211,18 @@ export class Tools {
     return this.tool === "contacts" ? this.picture.snapped(at, this.picture.reach(SNAP)) : at;
   }
 
+  get held() {
+    return this.tool === "outline" ? [...(this.wire ? this.wire.points : []), ...this.pending] : this.points;
+  }
+
+  // Points may lie closer than a hand takes hold of them.
+  farFrom(i, at) {
+    const point = this.held[i];
+    return point && Math.hypot(point[0] - at[0], point[1] - at[1]) > this.picture.reach(DRAG);
+  }
+
   grab(at) {
-    const points = this.tool === "outline" ? (this.wire ? this.wire.points : []) : this.points;
+    const points = this.held;
     const reach = this.picture.reach(GRAB);
     let best = null;
     points.forEach((point, i) => {
@@ -153,9 +232,9 @@ export class Tools {
     return best === null ? null : best.i;
   }
 
-  drag(i, at) {
-    if (this.tool === "outline") this.ask("wire", { step: "move", point: i, x: at[0], y: at[1] }, WIRE_MS);
-    else this.points[i] = this.aim(at);
+  drag(i, at, every = WIRE_MS) {
+    if (this.tool !== "outline") this.points[i] = this.aim(at);
+    else if (i < this.count) this.ask("wire", { step: "move", point: i, x: at[0], y: at[1] }, every);
   }
 
   click(at, against) {
@@ -175,13 +254,18 @@ export class Tools {
       if (this.points.length === 8) this.points = [];
       this.points.push(at);
     } else if (!(this.wire && this.wire.closed)) {
-      const begun = this.wire && this.wire.points.length;
-      this.send("wire", { image, step: begun ? "add" : "start", x: at[0], y: at[1] });
+      if (this.send("wire", { image, step: "add", x: at[0], y: at[1] })) this.pending.push(at);
     }
   }
 
+  // The session says where there are too few points: it knows of all clicks, and the page perhaps not yet.
   closeWire() {
-    if (this.wire && !this.wire.closed && this.wire.points.length > 2) this.send("wire", { image: this.image, step: "close" });
+    if (this.drawn && !(this.wire && this.wire.closed)) this.send("wire", { image: this.image, step: "close" });
+  }
+
+  clearWire() {
+    this.send("wire", { image: this.image, step: "clear" });
+    this.pending = [];
   }
 
   useWire() {
@@ -248,6 +332,7 @@ export class Tools {
       const [a, b] = [press.at, press.now];
       sketch.box = [Math.min(a[0], b[0]), Math.min(a[1], b[1]), Math.abs(a[0] - b[0]), Math.abs(a[1] - b[1])];
     }
+    if (this.tool === "outline") sketch.pending = this.pending;
     if (this.tool in COLOURS) {
       sketch.colour = COLOURS[this.tool];
       sketch.points = this.points;
@@ -273,7 +358,7 @@ export class Tools {
         return this.points.length < 2 ? "Click the fingertips of the open gripper" : "Drag to correct, then save";
       case "outline":
         if (this.wire && this.wire.closed) return "Drag points to correct, then use the outline";
-        return this.wire && this.wire.points.length ? "Click along the edge; the first point closes" : "Click a point on the object's edge";
+        return this.drawn ? "Click along the edge; Enter closes it, Backspace takes a point back" : "Click a point on the object's edge";
       default:
         return "";
     }
