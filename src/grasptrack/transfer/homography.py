@@ -188,13 +188,14 @@ def _settle_prior(description: HomographyDescription, view: Outline, prior: Floa
     """(3, 3) what both outlines say of a prediction; of one that a border cuts they say nothing.
 
     The alignment of the outlines, if it is meant, as it lies within eq. (3)'s window, takes the place of a prior that fits
-    worse.
+    worse. A prior that lies on the outline but for rounding is left as it is.
     """
     first, current = description.outline, view.contours[0]
-    if first.clipped is not None or current.clipped is not None:
-        return prior
     some = first.points[:: max(1, len(first) // PROBES)]
     ahead, starts, nearest = apply_homography(prior, some), [prior], SEARCH * current.length
+    gaps = kernels.project_to_contour(current.points, current.offsets, ahead)[:, 2]
+    if not (first.clipped is None and current.clipped is None and gaps.max() > 1e-9 * current.length):
+        return prior
     for way in find_alignments(first, current):
         aligned = as_similarity(way, first, current)
         off = float(np.hypot(*(apply_homography(aligned, some) - ahead).T).max())
