@@ -896,7 +896,6 @@ def carry_grasp_line(
     line: tuple[float, ...],
     reference: tuple[float, ...],
     ahead: tuple[float, float],
-    least_skewness: float,
 ) -> CarriedLine:
     """The contacts with given grasp-line coordinates on another outline.
 
@@ -904,10 +903,8 @@ def carry_grasp_line(
         points: (N, 2) px.
         offsets: (C + 1,).
         line: d_c, alpha_m, d_1, d_2.
-        reference: t30, t21, t12, t03, area, cx, cy, theta of the view in which they were measured.
-        ahead: the direction in which I_min is expected to point, of any length, or (0, 0) where it is not: then the
-            third moments tell, which change their sign with a half turn.
-        least_skewness: norm of the third moments below which they tell nothing.
+        reference: area, cx, cy, theta of the view in which they were measured.
+        ahead: the direction in which I_min is expected to point, of any length.
     """
 
 def grasp_line(points: Floats, offsets: NDArray[np.int64], contacts: Floats) -> DescribedLine:

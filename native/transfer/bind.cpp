@@ -96,20 +96,20 @@ void bind_transfer(nb::module_ &m) {
         if (contacts.shape(0) != 2) throw std::invalid_argument("a grasp line has two contacts");
         const Moments a = polygon_moments(outline_of(points, offsets));
         const DescribedLine d = grasp_line(a, vectors(contacts)[0], vectors(contacts)[1]);
-        return record(d.line.d_c, d.line.alpha_m, d.line.d_1, d.line.d_2, nb::make_tuple(a.t30, a.t21, a.t12, a.t03), a.area,
-                      nb::make_tuple(a.x, a.y), a.angle, a.major, a.minor, d.sine, d.opening);
+        return record(d.line.d_c, d.line.alpha_m, d.line.d_1, d.line.d_2, a.area, nb::make_tuple(a.x, a.y),
+                      a.angle, a.major, a.minor, d.sine, d.opening);
     }, "points"_a, "offsets"_a, "contacts"_a);
     m.def("carry_grasp_line", [](const PointArray &points, const IndexArray &offsets, const std::array<double, 4> &line,
-                                 const std::array<double, 8> &r, const std::array<double, 2> &ahead, double least_skewness) {
+                                 const std::array<double, 4> &r, const std::array<double, 2> &ahead) {
         static const Record record("CarriedLine");
         const Outline outline = outline_of(points, offsets);
         const Moments a = polygon_moments(outline);
         Output<> contacts(2, 2), H(3, 3);
-        const CarriedLine carried = carry_grasp_line(outline, a, {line[0], line[1], line[2], line[3]},
-                                                     {r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7]}, {ahead[0], ahead[1]},
-                                                     least_skewness, contacts.vectors(), H.values());
-        return record(contacts.array(), H.array(), carried.residual, a.area, a.major, a.minor, carried.told);
-    }, "points"_a, "offsets"_a, "line"_a, "reference"_a, "ahead"_a, "least_skewness"_a);
+        const double residual =
+            carry_grasp_line(outline, a, {line[0], line[1], line[2], line[3]}, {r[0], r[1], r[2], r[3]},
+                             {ahead[0], ahead[1]}, contacts.vectors(), H.values());
+        return record(contacts.array(), H.array(), residual, a.area, a.major, a.minor);
+    }, "points"_a, "offsets"_a, "line"_a, "reference"_a, "ahead"_a);
 }
 
 }  // namespace grasptrack

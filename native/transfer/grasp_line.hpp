@@ -28,34 +28,15 @@ inline DescribedLine grasp_line(const Moments &frame, Vec first, Vec second) {
 }
 
 struct LineReference {
-    double t30, t21, t12, t03, area, cx, cy, theta;
+    double area, cx, cy, theta;
 };
 
-struct CarriedLine {
-    double residual;
-    bool told;
-};
-
-// contacts is (2, 2), H (3, 3). `ahead` is where I_min points as a prediction has it, or (0, 0).
-inline CarriedLine carry_grasp_line(const Outline &outline, const Moments &frame, const GraspLine &line,
-                                    const LineReference &reference, Vec ahead, double least_skewness, Vec *contacts,
-                                    double *H) {
+// contacts is (2, 2), H (3, 3). `ahead` is where I_min is expected to point. Gives the residual.
+inline double carry_grasp_line(const Outline &outline, const Moments &frame, const GraspLine &line,
+                               const LineReference &reference, Vec ahead, Vec *contacts, double *H) {
     constexpr double pi = 3.14159265358979323846;
     double theta = frame.angle;
-    bool told = true;
-    if (ahead.x != 0 || ahead.y != 0) {
-        if (!(dot(ahead, {std::cos(theta), std::sin(theta)}) > 0)) theta += pi;
-    } else {
-        // A half turn changes the sign of all four moments.
-        const LineReference &r = reference;
-        const double agreement = r.t30 * frame.t30 + r.t21 * frame.t21 + r.t12 * frame.t12 + r.t03 * frame.t03;
-        const double before = std::sqrt(r.t30 * r.t30 + r.t21 * r.t21 + r.t12 * r.t12 + r.t03 * r.t03);
-        const double now = std::sqrt(frame.t30 * frame.t30 + frame.t21 * frame.t21 + frame.t12 * frame.t12 +
-                                     frame.t03 * frame.t03);
-        told = before >= least_skewness && before * now >= least_skewness * least_skewness &&
-               std::fabs(agreement) >= 0.5 * before * now;
-        if (told && !(agreement > 0)) theta += pi;
-    }
+    if (!(dot(ahead, {std::cos(theta), std::sin(theta)}) > 0)) theta += pi;
     const double root = std::sqrt(frame.area);
     const Vec centroid{frame.x, frame.y}, e{std::cos(theta), std::sin(theta)};
     const double cosine = std::cos(line.alpha_m), sine = std::sin(line.alpha_m);
@@ -72,8 +53,8 @@ inline CarriedLine carry_grasp_line(const Outline &outline, const Moments &frame
                            s, c,  centroid.y - s * reference.cx - c * reference.cy,
                            0, 0,  1};
     std::copy(rows, rows + 9, H);
-    if (a.t == b.t) return {std::numeric_limits<double>::infinity(), told};
-    return {std::isnan(a.t) ? a.t : std::max(a.gap, b.gap), told};
+    if (a.t == b.t) return std::numeric_limits<double>::infinity();
+    return std::isnan(a.t) ? a.t : std::max(a.gap, b.gap);
 }
 
 }  // namespace grasptrack

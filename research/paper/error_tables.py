@@ -109,8 +109,8 @@ def table_seven(number: int, courses: Sequence[Course], frame: int) -> Table:
             f"R_f E at frame {frame}, from the first view; SE over frames 1 to {total}, the first view being frame 0.",
             *(f"{_ROWS[way]}: {meaning}." for way, meaning in WAYS.items()),
             "The text does not say which it is. To the letter there is no prediction, and so no SE prior.",
-            "The printed R_f E of grasp 3 by grasp line is larger than its printed SE (e_max), which cannot be: frame "
-            "50 is one of the sequence.",
+            "The printed R_f E of grasp 3 by grasp line is larger than its printed SE (e_max), which cannot be if both are "
+            "of the same pairs of frames: frame 50 is one of the sequence. The text does not say that they are.",
             "Opening of the grasps in the first view: "
             + ", ".join(f"{name} {part.opening:.0f} px" for name, part in parts.items())
             + ".",

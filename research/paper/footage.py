@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.errors import ObservationError, TransferError
+from grasptrack.errors import GraspTrackError, ObservationError, TransferError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
@@ -19,8 +19,8 @@ from grasptrack.grasp.synthesis import synthesize
 from grasptrack.images import Grey
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.snake.shape_space import ShapeSpace
-from grasptrack.tracking.initialization import count_describing_strategies
 from grasptrack.tracking.strategies import Snakes
+from grasptrack.transfer import STRATEGIES, strategy_named
 from grasptrack.typing import Floats
 from grasptrack_bench.baselines.paper import ExtractedOutlines, Seen, begin_near
 from grasptrack_bench.simulation import SHAPES, Path, Pinhole, Scene, Shape, similarity_path, tilting_path
@@ -139,10 +139,16 @@ def make_part(name: str, seed: int) -> FilmedPart:
     to_image = camera_trajectory("4 DoF", 1, seed).table_to_image(Pinhole())[0]
     curves = tuple(np.ascontiguousarray(apply_homography(to_image, p)) for p in shape.polygons)
     reference = sample_view(curves)
+    reason = "no stable grasp"
     for grasp in synthesize(reference, top=10):
-        if count_describing_strategies(grasp, reference) == 2:
+        try:
+            for strategy in STRATEGIES:
+                strategy_named(strategy).describe(grasp, reference)
+        except GraspTrackError as error:
+            reason = str(error)
+        else:
             return FilmedPart(name, shape, curves, reference, grasp.contacts)
-    raise ObservationError(f"no grasp on the {name} that every strategy can describe")
+    raise ObservationError(reason)
 
 
 Kind = Literal["corresponding", "resampled", "pixel chain", "rendered"]
@@ -151,10 +157,11 @@ KINDS: dict[Kind, str] = {
     "corresponding": "each contour is the first one moved by the true homography, point by point, as in Section V",
     "resampled": "the true curves, sampled anew at 300 points that begin between the old ones; "
     "RRP on the first contour moved by the similarity that fits best, a perfect tracker of 4 DoF",
-    "pixel chain": "every so many-th pixel of a chain of whole pixels, 300 in all, from the one nearest to where the last "
-    "chain began; RRP on that tracker's samples rounded to whole pixels; every contact, given or answered, is one of these",
+    "pixel chain": "every so many-th pixel of a chain of whole pixels, 300 in all, from the one nearest to where the motion "
+    "takes the first beginning; RRP on that tracker's samples rounded to whole pixels; every contact, given or answered, is "
+    "one of these",
     "rendered": "contours are found in rendered images of 640x480 with noise: segmented for grasp line and homography, "
-    "at about a point to the px, a B-spline snake of 4 DoF for RRP",
+    "at about a point to the px and begun where the motion takes the first beginning, a B-spline snake of 4 DoF for RRP",
 }
 """The ways in which contours come about."""
 
@@ -219,8 +226,8 @@ def ideal_footage(part: FilmedPart, kind: Kind, motion: Motion, frames: int, see
         tracked = in_four_dof(part.reference, H)
     elif kind == "pixel chain":
         silhouettes = [pixel_chain_view(moved_curves(part, H[0]))]
-        for h in H[1:]:
-            silhouettes.append(pixel_chain_view(moved_curves(part, h), silhouettes[-1].outer.points[0]))
+        begun = silhouettes[0].outer.points[:1]
+        silhouettes += [pixel_chain_view(moved_curves(part, h), apply_homography(h, begun)[0]) for h in H[1:]]
         tracked = [round_to_pixels(view) for view in in_four_dof(part.reference, H)]
         contacts = nearest_points(part.contacts, silhouettes[0]), nearest_points(part.contacts, tracked[0])
     else:
@@ -254,8 +261,7 @@ def pixel_chain_view(polygons: tuple[Floats, ...], begun: Floats | None = None) 
 
     Args:
         polygons: (N, 2) px each, outer first; the image is as large as it has to be.
-        begun: (2,) px, where the last image's outer chain began: this one begins at its pixel nearest to it, which the
-            paper's window about an index needs. None begins at the topmost pixel.
+        begun: (2,) px: the outer chain begins at its pixel nearest to it. None begins at the topmost pixel.
     """
     corner = np.floor(polygons[0].min(axis=0)) - 2.0
     width, height = (np.ceil(polygons[0].max(axis=0)) + 3.0 - corner).astype(int).tolist()
@@ -271,6 +277,38 @@ def pixel_chain_view(polygons: tuple[Floats, ...], begun: Floats | None = None) 
         taken = min(len(points), max(LEAST_POINTS, count))
         contours.append(Contour.trusted(points[np.arange(taken) * len(points) // taken], hole=i > 0))
     return View(contours)
+
+
+Start = Literal["true", "tracked", "arbitrary"]
+STARTS: dict[Start, str] = {
+    "true": "each contour begins where the motion takes the first beginning, which is the text read in its favour, and so in "
+    "every other table",
+    "tracked": "at the point nearest in the image to where the last frame's began, for which no truth is needed",
+    "arbitrary": "at any point, drawn evenly, as what extracts contours may begin them",
+}
+"""Where contours begin, on which the window about an index hangs; the text does not say."""
+
+
+def begun_near(view: View, place: Floats) -> View:
+    """The same outline, its outer contour begun at its point nearest to a place (2,) px."""
+    outer = view.outer
+    first = int(np.hypot(*(outer.points - place).T).argmin())
+    cut = None if outer.clipped is None else np.roll(outer.clipped, -first)
+    return View([Contour.trusted(np.roll(outer.points, -first, axis=0), clipped=cut), *view.contours[1:]])
+
+
+def started(footage: Footage, start: Start, seed: int) -> Footage:
+    """The same footage with its silhouettes begun by another rule than the true one, see `STARTS`."""
+    rng = np.random.default_rng((seed, 43))
+    seen: list[Seen] = [footage.silhouettes[0]]
+    last = seen[0]
+    for view in footage.silhouettes[1:]:
+        if isinstance(view, View) and isinstance(last, View) and start != "true":
+            points = view.outer.points
+            view = begun_near(view, last.outer.points[0] if start == "tracked" else rng.choice(points))
+            last = view
+        seen.append(view)
+    return replace(footage, silhouettes=tuple(seen))
 
 
 def round_to_pixels(view: View) -> View:
@@ -321,6 +359,8 @@ def observe_scene(
         if index == middle_frame(frames):
             kept.append(frame.image)
         grey, found = extracted.next(frame.image)
+        if isinstance(found, View):
+            found = begun_near(found, apply_homography(scene.homography(index), candidate.view.outer.points[:1])[0])
         silhouettes.append(found)
         try:
             carried = snake.carry(grey, None, None)

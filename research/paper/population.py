@@ -17,6 +17,7 @@ from research.paper.clipping import BESIDE, CLIPPED, clipped_footage
 from research.paper.footage import (
     DISTANCE,
     MOTIONS,
+    STARTS,
     TRACKED,
     FilmedPart,
     Footage,
@@ -27,9 +28,10 @@ from research.paper.footage import (
     moved_curves,
     path_homographies,
     resample_view,
+    started,
 )
 from research.paper.runs import SUMMARY, SUMMARY_NOTES, StrategyRun, run_of, summarize
-from research.paper.transfers import COMPARED, WAYS, transfer_and_measure, ways_of
+from research.paper.transfers import COMPARED, WAYS, transfer_and_measure, ways_of, without_numbers
 
 EXTRACTED: tuple[Kind, ...] = ("resampled", "pixel chain")
 """Contours that are sampled independently of each other; where they correspond all transfers are exact."""
@@ -64,7 +66,20 @@ def population_runs(task: Task) -> list[StrategyRun] | str:
     if task.seed < SEEDS_OF_VARIANTS:
         runs += ablation_runs(part, task.seed, task.frames)
         runs += sensitivity_runs(part, task.seed, task.frames)
+        for motion in MOTIONS:
+            for kind in EXTRACTED:
+                runs += start_runs(ideal_footage(part, kind, motion, task.frames, task.seed), task.seed)
     return runs
+
+
+def start_runs(footage: Footage, seed: int) -> Iterator[StrategyRun]:
+    """The paper's homography on contours that begin by each rule."""
+    for start in STARTS:
+        begun = started(footage, start, seed)
+        for way in ways_of("paper-homography"):
+            errors = transfer_and_measure(begun, "paper-homography", way).errors
+            setting = footage.part.name, seed, footage.motion, footage.kind, "paper-homography", way
+            yield run_of(errors, "starts", *setting, start)
 
 
 def path_runs(part: FilmedPart, task: Task) -> Iterator[StrategyRun]:
@@ -125,7 +140,7 @@ def clipped_runs(part: FilmedPart, seed: int) -> Iterator[StrategyRun]:
 
 
 def population_tables(runs: Sequence[StrategyRun], left_out: dict[str, str]) -> list[Table]:
-    """Tables P (paths), T (tilt) and K (clipped)."""
+    """Tables P (paths), shapes, B (starts of contours), T (tilt) and K (clipped)."""
     paths = [r for r in runs if r.experiment == "paths"]
     shapes, seeds = len({r.shape for r in paths}), len({r.seed for r in paths})
     notes = (
@@ -134,7 +149,11 @@ def population_tables(runs: Sequence[StrategyRun], left_out: dict[str, str]) -> 
         *(f"{way}: {meaning}." for way, meaning in WAYS.items()),
         "paper-*: to the letter, see Table VI; a prediction they do not know.",
     )
-    left = f"Left out: {', '.join(left_out)}: no grasp that every strategy can describe." if left_out else ""
+    names = list(dict.fromkeys(r.shape for r in paths))
+    why = {name: without_numbers(told) for name, told in left_out.items() if name not in names}
+    out = {"tried": names, "left out": list(why)}
+    out |= {f"left out: {told}": [n for n in why if why[n] == told] for told in why.values()}
+    starts = [r for r in runs if r.experiment == "starts"]
     tilt = [r for r in runs if r.experiment == "tilt"]
     clipped = [r for r in runs if r.experiment == "clipped"]
     clipped_shapes = len({r.shape for r in clipped})
@@ -144,7 +163,27 @@ def population_tables(runs: Sequence[StrategyRun], left_out: dict[str, str]) -> 
             f"Sequence errors on {shapes} shapes",
             paths,
             ("motion", "contours"),
-            (*notes, *([left] if left else [])),
+            (*notes, "Table shapes says which shapes are left out, and why."),
+        ),
+        Table(
+            "shapes",
+            "Built-in shapes in Tables P, T, K, A, R, S and B, and those that our own refusals leave out",
+            ("shapes", "count", "names"),
+            tuple((told, len(listed), ", ".join(listed)) for told, listed in out.items()),
+            (
+                "Left out is a shape without a grasp that every strategy can describe, for the reason of the last one tried.",
+            ),
+        ),
+        _table(
+            "B",
+            "The paper's homography by where contours begin",
+            starts,
+            ("motion", "contours", "varied"),
+            (
+                f"{SEEDS_OF_VARIANTS} seeds of each shape at most; rendered: the three objects.",
+                *SUMMARY_NOTES,
+                *(f"{start}: {meaning}." for start, meaning in STARTS.items()),
+            ),
         ),
         _table(
             "T",
@@ -175,9 +214,8 @@ def _table(number: str, title: str, runs: Sequence[StrategyRun], by: tuple[str, 
     for r in runs:
         groups.setdefault(tuple(getattr(r, name) for name in heads), []).append(r)
     rows = tuple((*key, *summarize(group)) for key, group in groups.items())
-    shown = tuple("" if name == "value" else name for name in by)
-    varied = runs[0].varied if runs else "value"
+    shown = tuple("begun" if name == "varied" else name for name in by)
     if "value" in by:
         rows = tuple(row[1:] for row in rows)
-        shown = (varied,)
+        shown = (runs[0].varied if runs else "value",)
     return Table(number, title, (*shown, "strategy", "way", *SUMMARY), rows, notes)

@@ -42,7 +42,7 @@ from research.paper.footage import (
     middle_frame,
     rendered_footage,
 )
-from research.paper.population import Task, population_runs, population_tables
+from research.paper.population import Task, population_runs, population_tables, start_runs
 from research.paper.runs import StrategyRun
 from research.paper.searching import table_of_searches
 from research.paper.times import table_of_times
@@ -76,14 +76,14 @@ QUICK = Extent(12, 0, (*OBJECTS, "hook"), 2)
 
 @dataclass(frozen=True)
 class PaperRun:
-    """What a run gives. All but `times` and `time_claims` repeats to the last digit.
+    """What a run gives. All but `times` and `time_claims` repeats to the last digit on one machine, to 1e-9 on another.
 
     Attributes:
         extent: as asked for.
         tables: in the order in which they are to be read.
         courses: every transfer of the three objects, behind Table VII.
         returns: there and back, behind Table VI.
-        runs: of every shape and seed, behind Tables P, T, K, A, R and S.
+        runs: of every shape and seed, behind Tables P, B, T, K, A, R and S.
         pictures: captions and BGR images (H, W, 3).
         figures: of the paper drawn anew, and curves, by the names of their files.
         times: of each step beside the paper's.
@@ -150,6 +150,7 @@ def run_paper(
         table_of_searches([f for f in footage if f.kind == "rendered"]),
     ]
     runs, left_out = _population(extent, schedule, progress)
+    runs += [run for f in footage if f.kind == "rendered" for run in start_runs(f, extent.seed)]
     tables += [*population_tables(runs, left_out), *ablation_tables(runs), sensitivity_table(runs)]
     evidence = Evidence.of(tables)
     claims = table_of_claims(evidence)

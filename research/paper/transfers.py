@@ -91,8 +91,13 @@ class Course:
 
 def count_reasons(reasons: Iterable[str]) -> dict[str, int]:
     """How often each reason was given, its numbers left out, the most frequent first."""
-    listed = [re.sub(r"\d+(\.\d+)?", "…", reason) for reason in reasons]
+    listed = [without_numbers(reason) for reason in reasons]
     return {r: listed.count(r) for r in sorted(set(listed), key=lambda r: (-listed.count(r), r))}
+
+
+def without_numbers(reason: str) -> str:
+    """A reason of a refusal as it is counted."""
+    return re.sub(r"\d+(\.\d+)?", "…", reason)
 
 
 def transfer_and_measure(footage: Footage, strategy: str, way: Way) -> Course:

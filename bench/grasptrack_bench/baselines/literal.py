@@ -118,9 +118,9 @@ class LiteralGraspLine:
             turn = math.atan2(*(b - a)[::-1].tolist()) - d.theta
         over = self._scale(kernels.polygon_moments(view.points, view.offsets).area)
         line = d.d_c / over, d.alpha_m, d.d_1 / over, d.d_2 / over
-        reference = 0.0, 0.0, 0.0, 0.0, d.area, *d.centroid, d.theta
+        reference = d.area, *d.centroid, d.theta
         ahead = _unit(d.theta + turn)
-        found = kernels.carry_grasp_line(view.points, view.offsets, line, reference, ahead, 0.0)
+        found = kernels.carry_grasp_line(view.points, view.offsets, line, reference, ahead)
         if not (math.isfinite(found.residual) and np.isfinite(found.contacts).all()):
             raise CrossingError("the grasp line does not meet the outline twice")
         return Transfer(Grasp.of(found.contacts), found.H, None, found.residual)

@@ -194,7 +194,6 @@ class DescribedLine(NamedTuple):
 
     Attributes:
         d_c, alpha_m, d_1, d_2: grasp-line coordinates, rad and distances divided by sqrt(area).
-        skewness: t30, t21, t12, t03.
         area, centroid, angle, major, minor: as of `PolygonMoments`.
         sine: of alpha_m.
         opening: px between the contacts.
@@ -204,7 +203,6 @@ class DescribedLine(NamedTuple):
     alpha_m: float
     d_1: float
     d_2: float
-    skewness: tuple[float, float, float, float]
     area: float
     centroid: tuple[float, float]
     angle: float
@@ -222,7 +220,6 @@ class CarriedLine(NamedTuple):
         H: (3, 3) the similarity from the reference.
         residual: px by which the coordinates miss the farther one; NaN of no crossing, infinite where both share one.
         area, major, minor: as of `PolygonMoments`.
-        told: whether anything told I_min's two directions apart.
     """
 
     contacts: Floats
@@ -231,7 +228,6 @@ class CarriedLine(NamedTuple):
     area: float
     major: float
     minor: float
-    told: bool
 
 
 class Closure(NamedTuple):

@@ -79,19 +79,39 @@ def refine_homographies(starts: Floats, first: Outline | Sampled, second: Outlin
         Distinct hypotheses, as `match_outlines` gives them; the slack is not measured.
     """
     a, b = as_sampled(first), as_sampled(second)
+    return [_to_image_coordinates(m, a, b) for m in _refine_starts(_between_centres(starts, a, b), a, b)]
+
+
+def settle_homographies(starts: Floats, first: Outline | Sampled, second: Outline | Sampled) -> Floats | None:
+    """(3, 3) the one of some homographies (k, 3, 3) that fits best when each takes two steps toward the second outline.
+
+    What the outlines hardly show stays as it was. None where no start comes to anything.
+    """
+    a, b = as_sampled(first), as_sampled(second)
+    reaches, damping = FINE
+    found = _align_starts(_between_centres(starts, a, b), a, b, (reaches[-2:], damping[-2:]), [4, 2])
+    return _between_images(found[np.argmin(found[:, 9]), :9].reshape(3, 3), a, b) if len(found) else None
+
+
+def _between_centres(starts: Floats, a: Sampled, b: Sampled) -> Floats:
+    """(k, 9) homographies (k, 3, 3) between the images as such between the centres."""
     to, back = np.eye(3), np.eye(3)
     to[:2, 2], back[:2, 2] = a.centre, -b.centre
     centred = back @ starts @ to
-    rows = np.ascontiguousarray((centred / centred[:, 2:, 2:]).reshape(-1, 9))
-    return [_to_image_coordinates(m, a, b) for m in _refine_starts(rows, a, b)]
+    return np.ascontiguousarray((centred / centred[:, 2:, 2:]).reshape(-1, 9))
+
+
+def _between_images(H: Floats, a: Sampled, b: Sampled) -> Floats:
+    """(3, 3) a homography between the centres as one between the images."""
+    to, back = np.eye(3), np.eye(3)
+    to[:2, 2], back[:2, 2] = -a.centre, b.centre
+    moved = back @ H @ to
+    return moved / moved[2, 2] if abs(moved[2, 2]) > 1e-9 else moved
 
 
 def _to_image_coordinates(m: Match, a: Sampled, b: Sampled) -> Match:
     """The same between the images; so far it was between the centres."""
-    to, back = np.eye(3), np.eye(3)
-    to[:2, 2], back[:2, 2] = -a.centre, b.centre
-    H = back @ m.homography @ to
-    return m._replace(homography=H / H[2, 2] if abs(H[2, 2]) > 1e-9 else H)
+    return m._replace(homography=_between_images(m.homography, a, b))
 
 
 def _refine_starts(begun: Floats, a: Sampled, b: Sampled) -> list[Match]:

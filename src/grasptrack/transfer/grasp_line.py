@@ -6,6 +6,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from grasptrack import kernels
 from grasptrack.errors import (
     AmbiguousError,
@@ -17,9 +19,9 @@ from grasptrack.errors import (
     StrategyError,
 )
 from grasptrack.geometry.contours import Outline, View
-from grasptrack.geometry.homographies import homography_jacobian, similarity_transform
+from grasptrack.geometry.homographies import homography_jacobian
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.transfer.alignment import choose_way
+from grasptrack.transfer.alignment import choose_alignment, find_alignments
 from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
 
@@ -27,15 +29,10 @@ MIN_ANISOTROPY = 0.03
 """Below this (l1 - l2) / (l1 + l2) of the moments the axes' direction is noise."""
 MIN_SINE = math.sin(math.radians(3.0))
 """A grasp line closer than this to I_min meets it nowhere that could be measured."""
-MIN_SKEWNESS = 3e-3
-"""Third-order moments (divided by area^2.5) smaller than this do not tell the axes' two directions apart: a view tilted
-by some degrees gives a symmetric object as much."""
 SELF_SYMMETRIC = 0.01
 """A half turn that moves no contact by more than this fraction of sqrt(area) maps the grasp to itself."""
 MAX_MISMATCH = 0.05
 """The outline must cross the line within this fraction of sqrt(area) of where the description puts the contact."""
-
-Skewness = tuple[float, float, float, float]
 
 
 class GraspLineDescription(NamedTuple):
@@ -45,16 +42,14 @@ class GraspLineDescription(NamedTuple):
         d_c: distance of the centroid from the grasp line, positive when it lies to the left seen from contact 1 to 2.
         alpha_m: rad from I_min to the grasp line's direction, positive from x to y.
         d_1, d_2: distances of the contacts along the line from where it meets I_min. All distances are in sqrt(area).
-        skewness: third-order moments in the axes, divided by area^2.5: what tells I_min's two directions apart.
         area, centroid, theta: of the reference silhouette: px^2, px, rad.
-        view: the reference view, which tells the directions where its skewness does not.
+        view: the reference view, whose outlines tell I_min's two directions apart: under tilt third moments change sign.
     """
 
     d_c: float
     alpha_m: float
     d_1: float
     d_2: float
-    skewness: Skewness
     area: float
     centroid: tuple[float, float]
     theta: float
@@ -89,7 +84,7 @@ def describe(grasp: Grasp, view: Outline) -> GraspLineDescription:
         raise ParallelLineError(
             f"the grasp line runs along I_min ({apart:.1f} degrees apart) and never meets it", sine=line.sine
         )
-    return GraspLineDescription(*line[:8], view)
+    return GraspLineDescription(*line[:7], view)
 
 
 def apply(description: GraspLineDescription, view: Outline, prior: Floats | None = None) -> Transfer:
@@ -103,21 +98,13 @@ def apply(description: GraspLineDescription, view: Outline, prior: Floats | None
         CrossingError: the line does not meet the outline where the contacts should be.
     """
     _check_whole(view)
-    reference = (*description.skewness, description.area, *description.centroid, description.theta)
-    ahead = (0.0, 0.0) if prior is None else _predicted_axis(description, prior)
-    found = kernels.carry_grasp_line(view.points, view.offsets, description[:4], reference, ahead, MIN_SKEWNESS)
+    line, frame = description[:4], (description.area, *description.centroid, description.theta)
+    ahead = _predicted_axis(description, np.eye(3) if prior is None else prior)
+    found = kernels.carry_grasp_line(view.points, view.offsets, line, frame, ahead)
     _check_axes(found.major, found.minor)
-    if not found.told and not _maps_to_itself(description):
-        turned = found.H @ similarity_transform(1.0, math.pi, description.centroid, description.centroid)
-        try:
-            right = (found.H, turned)[choose_way([found.H, turned], description.view, view)]
-        except AmbiguousError as error:
-            raise AmbiguousError(
-                "the outline maps to itself by a half turn, so one pair of views cannot tell the grasp from its turned "
-                f"twin: {error}"
-            ) from None
-        ahead = _predicted_axis(description, right)
-        found = kernels.carry_grasp_line(view.points, view.offsets, description[:4], reference, ahead, MIN_SKEWNESS)
+    if prior is None and _is_turned(description, view, found.H):
+        x, y = _predicted_axis(description, found.H)
+        found = kernels.carry_grasp_line(view.points, view.offsets, line, frame, (-x, -y))
     if not found.residual <= MAX_MISMATCH * math.sqrt(found.area):
         raise CrossingError(
             "the transferred grasp line does not meet the outline where the contacts should be", residual=found.residual
@@ -146,6 +133,27 @@ def _predicted_axis(description: GraspLineDescription, prior: Floats) -> tuple[f
     a, b, c, d = homography_jacobian(prior, *description.centroid)
     ex, ey = math.cos(description.theta), math.sin(description.theta)
     return a * ex + b * ey, c * ex + d * ey
+
+
+def _is_turned(description: GraspLineDescription, view: Outline, H: Floats) -> bool:
+    """Whether I_min points the other way than a similarity (3, 3) has it, by how the outlines lie on each other.
+
+    Raises:
+        AmbiguousError: they lie alike both ways, and the grasp does not map to itself.
+    """
+    turn = math.atan2(H[1, 0], H[0, 0])
+    ways = find_alignments(description.view.contours[0], view.contours[0])
+    if len({math.cos(way.angle - turn) < 0.0 for way in ways}) != 1:
+        try:
+            ways = [choose_alignment(ways, description.view, view)]
+        except AmbiguousError as error:
+            if _maps_to_itself(description):
+                return False
+            raise AmbiguousError(
+                "the outline maps to itself by a half turn, so one pair of views cannot tell the grasp from its turned "
+                f"twin: {error}"
+            ) from None
+    return math.cos(ways[0].angle - turn) < 0.0
 
 
 def _maps_to_itself(description: GraspLineDescription) -> bool:

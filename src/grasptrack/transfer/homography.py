@@ -14,8 +14,9 @@ from grasptrack.geometry.contours import Contour, Outline
 from grasptrack.geometry.homographies import apply_homography, check_in_front, judge_distortion
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.kernels.results import CurvatureVector, MatchWindow
+from grasptrack.matching import settle_homographies
 from grasptrack.statistics import robust_sd
-from grasptrack.transfer.alignment import alignments_of_points, choose_alignment
+from grasptrack.transfer.alignment import alignments_of_points, as_similarity, choose_alignment, find_alignments
 from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
 
@@ -96,7 +97,8 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
 
     With a prior, the first contour is carried to the prediction before its curvature is compared, so that the
     comparison is always one of near views, as Section IV-C.1 asks, while the correspondences stay those of the
-    reference: nothing adds up over a sequence.
+    reference. The prediction is laid on the second contour first, as what four points got wrong would feed on itself
+    where the last answer is the prior.
 
     Raises:
         ClippedError: the border cuts the object and there is no prior, or hardly anything is left.
@@ -139,7 +141,7 @@ def _match_peaks(
         shift = choose_alignment(ways, description.view, view).shift * length
         centres = [kappa * (here.arc.item(i) + shift) for i in peaks]
     else:
-        carried = apply_homography(prior, first.points)
+        carried = apply_homography(_settle_prior(description, view, prior), first.points)
         try:
             here = kernels.curvature_vector(carried, first.clipped, SMOOTHING)
         except ValueError:
@@ -180,6 +182,27 @@ def _match_peaks(
     if triangle < MIN_TRIANGLE * first.area:
         raise PeaksError("three of the curvature peaks that this view shows lie in a row")
     return [usable[k][0] for k in best], [usable[k][1] for k in best]
+
+
+def _settle_prior(description: HomographyDescription, view: Outline, prior: Floats) -> Floats:
+    """(3, 3) what both outlines say of a prediction; of one that a border cuts they say nothing.
+
+    The alignment of the outlines, if it is meant, as it lies within eq. (3)'s window, takes the place of a prior that fits
+    worse. A prior that lies on the outline but for rounding is left as it is.
+    """
+    first, current = description.outline, view.contours[0]
+    some = first.points[:: max(1, len(first) // PROBES)]
+    ahead, starts, nearest = apply_homography(prior, some), [prior], SEARCH * current.length
+    gaps = kernels.project_to_contour(current.points, current.offsets, ahead)[:, 2]
+    if not (first.clipped is None and current.clipped is None and gaps.max() > 1e-9 * current.length):
+        return prior
+    for way in find_alignments(first, current):
+        aligned = as_similarity(way, first, current)
+        off = float(np.hypot(*(apply_homography(aligned, some) - ahead).T).max())
+        if off <= nearest:
+            nearest, starts = off, [prior, aligned]
+    settled = settle_homographies(np.array(starts), description.view, view)
+    return prior if settled is None else settled
 
 
 def _prediction_error(carried: Floats, current: Contour) -> float:

@@ -222,7 +222,7 @@ Numbers = tuple[float, ...]
 def grasp_line(points: Floats, offsets: NDArray[np.int64], contacts: Floats) -> DescribedLine:
     if len(contacts) != 2:
         raise ValueError("a grasp line has two contacts")
-    area, cx, cy, theta, major, minor, t30, t21, t12, t03 = polygon_moments(points, offsets)
+    area, cx, cy, theta, major, minor, *_ = polygon_moments(points, offsets)
     (x1, y1), (x2, y2) = contacts
     with np.errstate(all="ignore"):
         root = np.sqrt(area)
@@ -235,8 +235,7 @@ def grasp_line(points: Floats, offsets: NDArray[np.int64], contacts: Floats) -> 
         meets = along - left * cosine / sine
         line = left / root, np.arctan2(sine, cosine), -meets / root, (opening - meets) / root
     d_c, alpha_m, d_1, d_2 = (float(v) for v in line)
-    skewness = t30, t21, t12, t03
-    frame = skewness, area, (cx, cy), theta, major, minor
+    frame = area, (cx, cy), theta, major, minor
     return DescribedLine(d_c, alpha_m, d_1, d_2, *frame, float(sine), float(opening))
 
 
@@ -246,24 +245,12 @@ def carry_grasp_line(
     line: Numbers,
     reference: Numbers,
     ahead: tuple[float, float],
-    least_skewness: float,
 ) -> CarriedLine:
-    area, cx, cy, theta, major, minor, *skewness = polygon_moments(points, offsets)
+    area, cx, cy, theta, major, minor, *_ = polygon_moments(points, offsets)
     d_c, alpha_m, d_1, d_2 = line
-    *before, area1, x1, y1, theta1 = reference
-    told = True
+    area1, x1, y1, theta1 = reference
     with np.errstate(all="ignore"):
-        if ahead != (0.0, 0.0):
-            same = ahead[0] * np.cos(theta) + ahead[1] * np.sin(theta) > 0.0
-        else:
-            agreement, norm, now = np.dot(before, skewness), np.linalg.norm(before), np.linalg.norm(skewness)
-            told = bool(
-                norm >= least_skewness
-                and norm * now >= least_skewness * least_skewness
-                and abs(agreement) >= 0.5 * norm * now
-            )
-            same = not told or agreement > 0.0
-        theta += 0.0 if same else math.pi
+        theta += 0.0 if ahead[0] * np.cos(theta) + ahead[1] * np.sin(theta) > 0.0 else math.pi
         root = float(np.sqrt(area))
         ex, ey = np.cos(theta), np.sin(theta)
         cosine, sine = np.cos(alpha_m), np.sin(alpha_m)
@@ -278,4 +265,4 @@ def carry_grasp_line(
         scale = float(np.divide(root, np.sqrt(area1)))
         c, s = scale * np.cos(theta - theta1), scale * np.sin(theta - theta1)
         H = np.array([[c, -s, cx - c * x1 + s * y1], [s, c, cy - s * x1 - c * y1], [0.0, 0.0, 1.0]])
-    return CarriedLine(np.array([[x, y], [u, v]]), H, float(missed), area, major, minor, told)
+    return CarriedLine(np.array([[x, y], [u, v]]), H, float(missed), area, major, minor)
