@@ -33,7 +33,7 @@ SMALLEST = {
     "returns": "--parts bracket --disturbances clean-6dof --repeats 1 --workers 1",
     "recording": "--frames 4 --rounds 1",
     "polygons": "--data DATA --fit",
-    "first_outline": "--shapes bracket --kinds gap --frames 4 --never",
+    "first_outline": "--shapes bracket --kinds gap --frames 4",
     "live_page": "--frames 4 --blocks 1 --seconds 0.5 --viewers client",
     "loop": "--frames 4 --repeat 1 --long 0 --starts 1",
     "matching": "--shapes bracket --pairs 1 --cut 1 --images 1",
