@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 39_444,
-    "src/grasptrack/tracking": 7_171,
+    "src/grasptrack": 39_446,
+    "src/grasptrack/tracking": 7_173,
     "src/grasptrack/servo": 4_874,
     "src/grasptrack/io": 5_397,
     "src/grasptrack/segmentation": 3_908,

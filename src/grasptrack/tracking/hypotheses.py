@@ -268,12 +268,14 @@ class Solutions:
         is no witness; where less of the rest lies elsewhere it agrees with the surface.
         """
         state, target, numbers = self._state, self._state.target, self._state.numbers
-        shown, least = float(state.shown.sum()), numbers.contradicted
-        own = float(state.shown @ estimate.other) / shown if shown > least * len(state.shown) else estimate.elsewhere
+        seen, least = float(state.shown.sum()), numbers.contradicted
+        own = float(state.shown @ estimate.other) / seen if seen > least * len(state.shown) else estimate.elsewhere
         ground = self._background
         if ground is not None and not self._stands_still(estimate, ground):
             ground = None
-        if ground is not None:
+        # else nothing was taken for its surface, or what comes back does not show what moved meanwhile
+        shown = not state.lost and texture_evidence(state, estimate) > 0.0
+        if ground is not None and shown:
             self.marks = estimate.G
         if (own < least and ground is None) or not estimate.texture_agreeing:
             return estimate
@@ -296,7 +298,7 @@ class Solutions:
             gain, fails = pose_evidence(state, other) - pose_evidence(state, estimate), numbers.witness_fails
         gain = min(max(gain, -MAX_LOG_ODDS), MAX_LOG_ODDS)
         right = min(max(1.0 / (1.0 + math.exp(-gain)), fails), 1.0 - fails)
-        if right > 0.5 and self._stands_still(estimate, other.G):
+        if right > 0.5 and shown and self._stands_still(estimate, other.G):
             self.marks = estimate.G
         better, worse, less = (other, estimate, 1.0 - right) if right > 0.5 else (estimate, other, right)
         found: PoseEstimate = target.handle.unsure(better, worse, less)
