@@ -136,6 +136,8 @@ LOST = {"status": "lost", "contacts": None, "reason": "not here", "reason_code":
         ({"object_sure": False}, {}, "NOT SURE YET", "which object"),
         ({"object_sure": False, "notice": "tilt-open"}, {}, "NOT SURE YET", SENTENCES["tilt-open"]),
         ({"repeated": True}, {}, "NOT SURE YET", "same image"),
+        ({"last_seen": np.array([3, 2]), "frame": 3}, {}, "NOT SURE YET", "where a finger closes"),
+        ({"last_seen": np.array([3, 3]), "frame": 3}, {}, "OK TO CLOSE", "stable"),
         ({"status": "unstable", "reason": "the fingers slip", "reason_code": "slips"}, {}, "NOT SURE YET", "slip"),
         ({"status": "unstable", "reason": "no", "reason_code": "not-closing"}, {}, "TRACKED", "Do not close: no"),
         (LOST, {}, "LOST", "not here"),

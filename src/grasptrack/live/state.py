@@ -89,6 +89,8 @@ class Headline(NamedTuple):
 
 WRONG = ("not-closing", "not-flat", "not-pinhole")
 """Codes of located frames that further views do not settle."""
+OPTIONS = r" \(--[^)]*\)"
+"""What of a remedy is for a terminal; the page has tools."""
 AGAIN = "choose again and take its number, or draw its outline"
 
 
@@ -97,7 +99,7 @@ def headline_of(shown: Shown) -> Headline:
     result = shown.result
     code = (result.reason_code or result.notice) if result else ""
     told = (result.reason or SENTENCES[code]) if result and code else ""
-    remedy = re.sub(r" \(--[^)]*\)", "", REMEDIES.get(code, ""))  # options are for a terminal; the page has tools
+    remedy = re.sub(OPTIONS, "", REMEDIES.get(code, ""))
     if shown.phase == "looking":
         return Headline("Looking", "searching", "for the object in this image")
     if shown.phase == "choosing":
@@ -122,6 +124,9 @@ def headline_of(shown: Shown) -> Headline:
         return Headline("NOT SURE YET", "unstable", f"Do not close yet: {told}", remedy)
     if result.repeated:
         return Headline("NOT SURE YET", "unstable", "the camera gave the same image again", "look whether it hangs")
+    if result.last_seen is not None and (result.last_seen < result.frame).any():
+        why = "Do not close yet: a contact is not seen, something may lie where a finger closes"
+        return Headline("NOT SURE YET", "unstable", why, re.sub(OPTIONS, "", REMEDIES["contact-unseen"]))
     if shown.paused or shown.phase == "ended":
         why = (
             "paused: the object may have moved since"
