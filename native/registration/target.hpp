@@ -25,6 +25,7 @@ struct Patch {
     double axx, axy, ayy;                          // sums of products of the gradients
     double cosine, sine;                           // direction of the axis along which they are largest
     std::array<double, 2> power;                   // sums of their squares along it and across it
+    std::array<double, 2> within;                  // the same of plain gradients, of the inner pixels
     double variance;                               // sum of squares of the values
     std::array<Vector<8>, 2> rows;                 // d(shift that it tells) / d(pose), by the places of all its pixels
 };

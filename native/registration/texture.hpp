@@ -22,6 +22,24 @@ inline double noise_of(double camera, double stride) {
 // Of the sum of squares of Scharr's gradients `stride` apart along an axis, what noise alone gives twice.
 inline double alone_of(double noise, double stride) { return 236.0 / 512 * patch_pixels * noise * noise / (stride * stride); }
 
+constexpr int within_pixels = (patch_side - 2) * (patch_side - 2);
+
+// Sums of squares of Scharr's gradients of a patch's inner pixels along the axis (cosine, sine) and across it, per work px^2.
+inline std::array<double, 2> power_within(const double *value, double stride, double cosine, double sine) {
+    double xx = 0, xy = 0, yy = 0;
+    for (int j = 1; j + 1 < patch_side; ++j)
+        for (int i = 1; i + 1 < patch_side; ++i) {
+            const double *here = value + j * patch_side + i, *above = here - patch_side, *below = here + patch_side;
+            const double x = 10 * (here[1] - here[-1]) + 3 * (above[1] - above[-1] + below[1] - below[-1]);
+            const double y = 10 * (below[0] - above[0]) + 3 * (below[-1] - above[-1] + below[1] - above[1]);
+            xx += x * x;
+            xy += x * y;
+            yy += y * y;
+        }
+    const double c2 = cosine * cosine, s2 = sine * sine, mixed = 2 * cosine * sine * xy, square = 1 / (1024 * stride * stride);
+    return {square * (c2 * xx + mixed + s2 * yy), square * (s2 * xx - mixed + c2 * yy)};
+}
+
 // Sums over a patch of products of two kinds of gradients (xx, xy, yx, yy), by pixels from the middle.
 struct Moments {
     double plain[4], x[4], y[4], xx[4], xy[4], yy[4];
@@ -156,6 +174,9 @@ GRASPTRACK_WIDE inline bool cut_patch(const Target &target, const Pyramid &pyram
     out.cosine = std::cos(angle);
     out.sine = std::sin(angle);
     out.power = {half_mean + root, half_mean - root};
+    double middle_of[patch_pixels];
+    std::copy(out.value.begin(), out.value.end(), middle_of);
+    out.within = power_within(middle_of, stride, out.cosine, out.sine);
     set_rows(target, stride, all, out);
     return true;
 }
@@ -235,6 +256,8 @@ GRASPTRACK_WIDE inline PatchMatch match_patch(const Pyramid &pyramid, const Homo
     const double alone = alone_of(noise, stride);
     double rest = own - 2 * gain * cross + gain * gain * patch.variance;
     double offset[2], information[2];
+    const auto within = power_within(value, stride, cosine, sine);
+    const double noise_within = 0.5 * alone * within_pixels / patch_pixels;
     for (int axis = 0; axis < 2; ++axis) {
         const double ux_ = axis == 0 ? cosine : -sine, uy_ = axis == 0 ? sine : cosine;
         const double all = patch.power[static_cast<std::size_t>(axis)], signal = all - alone;
@@ -244,6 +267,11 @@ GRASPTRACK_WIDE inline PatchMatch match_patch(const Pyramid &pyramid, const Homo
         // noise in the gradients shortens a shift measured with them
         offset[axis] = std::clamp(-e / (signal * gain), -2.5 * stride, 2.5 * stride);
         information[axis] = gain * gain * signal * signal / all;
+        // what has no such gradients any more does not tell: a highlight's rim that is gone would tell all along streaks, where
+        // nothing else tells anything
+        const auto at = static_cast<std::size_t>(axis);
+        const double before = gain * gain * (patch.within[at] - noise_within), now = within[at] - noise_within;
+        if (before > 0 && now < before) information[axis] *= std::max(0.0, now / before);
         rest -= e * e / all;
     }
     const double s2 = std::max(rest, 0.0) / (patch_pixels - 4) + noise * noise;

@@ -161,6 +161,23 @@ def test_flow_finds_what_moved(seed: int) -> None:
     assert np.abs(carried(found.G, CENTRE[None]) - carried(G, CENTRE[None])).max() < 0.15
 
 
+@NOISY
+def test_a_patch_tells_little_along_what_nothing_is_left_of(seed: int) -> None:
+    """As of brushed metal under a highlight in the first image, of which later ones show the streaks alone."""
+    rng = np.random.default_rng(seed)
+    streaks, spots = rng.normal(size=(HEIGHT, 1)), rng.normal(size=(HEIGHT, WIDTH))
+
+    def photographed(share: float) -> list[Grey]:
+        image = 120.0 + 60.0 * cv2.GaussianBlur(streaks + share * spots, (0, 0), 1.0)
+        return pyramid(np.clip(image + rng.normal(0.0, 2.0, image.shape), 0, 255).astype(np.uint8))
+
+    places, prior, one = CENTRE + rng.uniform(-24.0, 24.0, (60, 2)), known(2.0, 0.5), np.ones(1)
+    made, before, rest = target(native, seed, 0), photographed(0.7), np.eye(3)
+    there, gone = (made.follow(before, rest, photographed(s), rest, prior, places, one) for s in (0.7, 0.0))
+    along, across = (np.sqrt([found.P[k, k] for found in (there, gone)]) for k in (0, 1))
+    assert along[1] > 5.0 * along[0] and across[1] < 3.0 * across[0]
+
+
 @given(SEEDS)
 def test_a_move_is_its_derivatives_and_undoes_the_difference(seed: int) -> None:
     rng = np.random.default_rng(seed)

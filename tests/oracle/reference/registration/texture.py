@@ -109,11 +109,11 @@ def _shift_derivatives(target: Target, patches: Patches, values: Floats) -> Floa
 
 
 def _scharr_gradients(values: Floats, stride: float) -> Floats:
-    """(m, 2, PIXELS) of (m, 9, 9) grey levels: plain differences turn those of a sharp edge by some degrees."""
+    """(m, 2, n n) of (m, n + 2, n + 2) grey levels: plain differences turn those of a sharp edge by some degrees."""
     x, y = values[:, :, 2:] - values[:, :, :-2], values[:, 2:] - values[:, :-2]
     gx = 10.0 * x[:, 1:-1] + 3.0 * (x[:, :-2] + x[:, 2:])
     gy = 10.0 * y[:, :, 1:-1] + 3.0 * (y[:, :, :-2] + y[:, :, 2:])
-    return np.asarray(np.stack([gx, gy], axis=1).reshape(len(values), 2, PIXELS) / (32.0 * stride))
+    return np.asarray(np.stack([gx, gy], axis=1).reshape(len(values), 2, -1) / (32.0 * stride))
 
 
 def _noise_gradient_energy(noise: float, stride: float) -> float:
@@ -153,7 +153,13 @@ def match_patches(
     rest = own - 2.0 * gain * cross + gain * gain * variance - explained
     s2 = np.maximum(rest, 0.0) / (PIXELS - 4) + noise * noise
     told = gain * gain * some * some / np.where(tells, patches.power, 1.0)
-    information = np.where(tells, 1.0 / (s2 / told + floor * floor), 0.0)
+    # what has no such gradients any more does not tell
+    noisy = SCHARR_NOISE * (PATCH_SIDE - 2) ** 2 * noise * noise / stride**2
+    here, there = (_power_within(v, patches) - noisy for v in (patches.value, values))
+    before = gain * gain * here
+    fewer = (before > 0.0) & (there < before)
+    told *= np.where(fewer, np.maximum(there, 0.0) / np.where(fewer, before, 1.0), 1.0)
+    information = np.where(tells & (told > 0.0), 1.0 / (s2 / np.where(told > 0.0, told, 1.0) + floor * floor), 0.0)
     shift = np.einsum("snk,sn->nk", patches.axes, offset)
     weight = np.einsum("snk,sn,snl->nkl", patches.axes, information, patches.axes)[:, (0, 0, 1), (0, 1, 1)]
     out = inside[:, None]
@@ -164,6 +170,12 @@ def match_patches(
         np.where(out, shift, 0.0),
         np.where(out, weight, 0.0),
     )
+
+
+def _power_within(values: Floats, patches: Patches) -> Floats:
+    """(2, m) sums of squares of the gradients of patches' (m, ...) inner pixels along each of their axes."""
+    gradients = _scharr_gradients(values.reshape(-1, PATCH_SIDE, PATCH_SIDE), patches.stride)
+    return np.asarray((np.einsum("snk,nkp->snp", patches.axes, gradients) ** 2).sum(axis=2))
 
 
 def join_matches(parts: list[Matches]) -> Matches:
