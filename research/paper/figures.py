@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import cv2
@@ -21,13 +21,13 @@ from grasptrack.transfer.rrp import INTERPOLATED
 from grasptrack.typing import Floats
 from grasptrack.view.style import DARK, INK, MUTED, STATUS_RGB, STRATEGY_RGB, create_figure, hex_colour
 from grasptrack_bench.baselines.literal import LiteralHomography
-from research.paper.correspondences import Correspondences, RefusedPair
+from research.paper.correspondences import Correspondences
 from research.paper.footage import Footage
+from research.paper.objects import ObjectRuns
 from research.paper.transfers import Refused
 
 Picture = tuple[str, NDArray[np.uint8]]
 """A caption and a BGR image."""
-Images = Mapping[tuple[str, str], list[Grey]]
 WIDE = 8.2
 """Inches."""
 DPI = 100
@@ -39,43 +39,33 @@ PEAK = hex_colour(STRATEGY_RGB["homography"])
 _HALO: dict[str, Any] = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8}
 
 
-def paper_figures(
-    examples: Sequence[Footage],
-    found: Sequence[Correspondences],
-    sampled: Sequence[Footage],
-    images: Images,
-    frame: int,
-) -> Iterator[tuple[str, Picture]]:
-    """Names and pictures, each with its caption; a figure whose transfer was refused is left out.
-
-    Args:
-        examples: rendered footage of 4 DoF.
-        found: the pairs of Tables II and V that were answered.
-        sampled: footage of 6 DoF sampled anew, for the refinement.
-        images: the first image and that of `frame`, by object and motion.
-        frame: of the second view.
-    """
-    seen = [f for f in examples if f.kind == "rendered" and isinstance(f.tracked[frame], View)]
+def paper_figures(told: ObjectRuns) -> Iterator[tuple[str, Picture]]:
+    """Names and pictures, each with its caption; a figure whose transfer was refused is left out."""
+    images, frame = told.images, told.frame
+    rendered = [f for f in told.examples if f.kind == "rendered"]
+    seen = [f for f in rendered if isinstance(f.tracked[frame], View)]
     if seen:
         yield "paper-fig-4", figure_four(max(seen, key=lambda f: _widest_bulge(f)[0]))
         yield "paper-fig-7", figure_seven(seen[0], images[seen[0].part.name, seen[0].motion], frame)
-    for f in examples:
-        if f.kind == "rendered" and (drawn := figure_eight(f, images[f.part.name, f.motion], frame)) is not None:
+    for f in rendered:
+        if (drawn := figure_eight(f, images[f.part.name, f.motion], frame)) is not None:
             yield "paper-fig-8", drawn
             break
+    found = [c for c in told.pairs if isinstance(c, Correspondences) and c.transfer == "ours"]
     if found:
         c = found[0]
         yield "paper-fig-9", figure_nine(c, images[c.footage.part.name, c.footage.motion])
+    sampled = [f for f in told.footage if (f.kind, f.motion) == ("resampled", "6 DoF")]
     if (refined := figure_eleven(sampled)) is not None:
         yield "paper-fig-11", refined
 
 
-def table_pictures(
-    examples: Sequence[Footage], found: Sequence[Correspondences | RefusedPair], images: Images, frame: int
-) -> Iterator[Picture]:
-    """Captions and pictures of the pairs of Tables II to V; arguments as for `paper_figures`, refused pairs included."""
-    rendered = [f for f in examples if f.kind == "rendered" and isinstance(f.tracked[frame], View)]
-    pairs = [(c, images[c.footage.part.name, c.footage.motion]) for c in found if isinstance(c, Correspondences)]
+def table_pictures(told: ObjectRuns) -> Iterator[Picture]:
+    """Captions and pictures of the pairs of Tables II to V; refused pairs have none."""
+    images, frame = told.images, told.frame
+    rendered = [f for f in told.examples if f.kind == "rendered" and isinstance(f.tracked[frame], View)]
+    found = [c for c in told.pairs if isinstance(c, Correspondences) and c.transfer == "ours"]
+    pairs = [(c, images[c.footage.part.name, c.footage.motion]) for c in found]
     for c, seen in pairs:
         yield (
             f"Table II, {c.footage.part.name}: points and correspondences, with the curvature",

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -30,6 +30,9 @@ Motion = Literal["4 DoF", "6 DoF", "approach"]
 MOTIONS: tuple[Motion, ...] = ("4 DoF", "6 DoF", "approach")
 IN_IMAGES: tuple[Motion, ...] = ("4 DoF", "6 DoF")
 """Motions that keep the whole object in an image of 640x480."""
+
+Images = Mapping[tuple[str, str], list[Grey]]
+"""Images (H, W) by object and motion."""
 
 OBJECTS = ("bracket", "spanner", "notched-plate")
 """A bracket, a tool and a plate: distinct axes, at least four corners, no symmetry."""
