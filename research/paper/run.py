@@ -16,8 +16,9 @@ from research.paper.ablation import ablation_tables, sensitivity_table
 from research.paper.claims import table_of_claims, table_of_time_claims, table_of_verdicts
 from research.paper.contexts import table_of_contexts
 from research.paper.curves import table_curves
+from research.paper.drawing import Picture
 from research.paper.evidence import Evidence
-from research.paper.figures import Picture, paper_figures, table_pictures
+from research.paper.figures import paper_figures, table_pictures
 from research.paper.footage import FRAMES, OBJECTS
 from research.paper.objects import Ticker, run_objects, tables_of_objects
 from research.paper.population import Task, population_runs, population_tables, start_runs
