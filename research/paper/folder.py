@@ -37,8 +37,8 @@ RETURN_HEAD = (*_SETTING, "frame", *_CONTACTS, *(f"given_{c}" for c in _CONTACTS
 def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], command: str = "") -> Path:
     """Write `tables/*.csv`, `tables.txt`, `tables.md`, the rows behind them, `evaluation.json`, figures and `report.html`.
 
-    The rows behind the tables are `frames.csv` (Table VII), `returns.csv` (Table VI) and `runs.csv` (Tables P, B, T, K, A, R
-    and S). These files and the tables repeat to the last digit on one machine, to 1e-9 on another; `times.csv` and
+    The rows behind the tables are `frames.csv` (Table VII), `returns.csv` (Table VI) and `runs.csv` (Tables P, W, B, T, K, A,
+    R and S). These files and the tables repeat to the last digit on one machine, to 1e-9 on another; `times.csv` and
     `claims-times.csv` do not, nor do times, versions and machine in `evaluation.json`. Figures are charts as SVG, and the
     paper's as `paper-*.png`.
 

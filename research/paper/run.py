@@ -62,7 +62,7 @@ class PaperRun:
         tables: in the order in which they are to be read.
         courses: every transfer of the three objects, behind Table VII.
         returns: there and back, behind Table VI.
-        runs: of every shape and seed, behind Tables P, B, T, K, A, R and S.
+        runs: of every shape and seed, behind Tables P, W, B, T, K, A, R and S.
         pictures: captions and BGR images (H, W, 3).
         figures: of the paper drawn anew, and curves, by the names of their files.
         times: of each step beside the paper's.

@@ -38,7 +38,7 @@ LEFT = 0.5
 """Of an error, the share that may be left where its cause is taken away."""
 
 
-class Failure(NamedTuple):
+class WorstView(NamedTuple):
     """The worst view of one shape: footage, strategy, frame; the answer (2, 2) px; px that its worst contact is off."""
 
     footage: Footage
@@ -60,9 +60,9 @@ class Failure(NamedTuple):
         return first, second
 
 
-def worst_views(shapes: Sequence[str], seeds: int, frames: int) -> dict[str, list[Failure]]:
+def worst_views(shapes: Sequence[str], seeds: int, frames: int) -> dict[str, list[WorstView]]:
     """By strategy, the worst answer from the first view on each shape, contours sampled anew, the farthest off first."""
-    worst: dict[tuple[str, str], Failure] = {}
+    worst: dict[tuple[str, str], WorstView] = {}
     for shape in shapes:
         for seed in range(seeds):
             try:
@@ -78,19 +78,19 @@ def worst_views(shapes: Sequence[str], seeds: int, frames: int) -> dict[str, lis
                             continue
                         off = worst_px(answer, footage.truth(strategy, k))
                         if off > worst[strategy, shape].off if (strategy, shape) in worst else True:
-                            worst[strategy, shape] = Failure(footage, strategy, k, answer, off)
+                            worst[strategy, shape] = WorstView(footage, strategy, k, answer, off)
     ranked = sorted(worst.values(), key=lambda f: -f.off)
     return {s: [f for f in ranked if f.strategy == s][:SHOWN] for s in COMPARED}
 
 
-def tilt_degrees(f: Failure) -> float:
+def tilt_degrees(f: WorstView) -> float:
     """How far the object leans, by how much more the homography shrinks it one way than the other about its middle."""
     H = f.footage.H[f.frame]
     spread = np.linalg.svd(np.reshape(homography_jacobian(H, *f.views[0].points.mean(axis=0).tolist()), (2, 2)))[1]
     return math.degrees(math.acos(min(1.0, float(spread[1] / spread[0]))))
 
 
-def cause_of(f: Failure) -> str:
+def cause_of(f: WorstView) -> str:
     """What the error comes from."""
     if f.strategy in TRACKED:
         lean = tilt_degrees(f)
@@ -98,7 +98,7 @@ def cause_of(f: Failure) -> str:
     return _cause_in_line(f) if "grasp-line" in f.strategy else _cause_in_homography(f)
 
 
-def _cause_in_line(f: Failure) -> str:
+def _cause_in_line(f: WorstView) -> str:
     """Mended one by one: the axis' direction, the scale (to the letter), the tilt."""
     first, second = f.views
     grasp, H = Grasp(f.footage.on_silhouette), f.footage.H[f.frame]
@@ -125,7 +125,7 @@ def _cause_in_line(f: Failure) -> str:
     return "the line meets the outline in another place"
 
 
-def _cause_in_homography(f: Failure) -> str:
+def _cause_in_homography(f: WorstView) -> str:
     """Mended one by one: the four matches, all of them or the worst."""
     search = find_literal_correspondences if "paper" in f.strategy else find_correspondences
     c = search(f.footage, f.frame)
@@ -146,7 +146,7 @@ def _cause_in_homography(f: Failure) -> str:
     return f"matches are {off.min():.1f} to {off.max():.1f} px off, four points that span {share:.0f} % of the area"
 
 
-def _error_with(f: Failure, one: Floats, two: Floats) -> float:
+def _error_with(f: WorstView, one: Floats, two: Floats) -> float:
     """px that the worst contact is off where these four points (4, 2) px are the matches."""
     second = f.views[1]
     try:
@@ -157,7 +157,7 @@ def _error_with(f: Failure, one: Floats, two: Floats) -> float:
     return worst_px(found.contacts, f.truth)
 
 
-def draw_atlas(found: dict[str, list[Failure]]) -> Any:
+def draw_atlas(found: dict[str, list[WorstView]]) -> Any:
     """One row for each strategy, the farthest off on the left."""
     figure = create_figure(11.0, 1.28 * len(found), layout="constrained")
     panels = figure.subplots(len(found), SHOWN, squeeze=False)
@@ -179,7 +179,7 @@ def draw_atlas(found: dict[str, list[Failure]]) -> Any:
     return to_picture(figure)
 
 
-def failure_rows(found: dict[str, list[Failure]]) -> Iterator[list[str]]:
+def failure_rows(found: dict[str, list[WorstView]]) -> Iterator[list[str]]:
     """Strategy, shape, seed's path, frame, px off, per cent of the opening, cause."""
     for strategy, failures in found.items():
         for f in failures:

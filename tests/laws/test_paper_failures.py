@@ -8,7 +8,7 @@ import pytest
 
 from research.paper.footage import ideal_footage, make_part
 from research.paper.transfers import COMPARED, transfer_and_measure
-from research.studies.failures import SHOWN, Failure, cause_of, draw_atlas, failure_rows, tilt_degrees, worst_views
+from research.studies.failures import SHOWN, WorstView, cause_of, draw_atlas, failure_rows, tilt_degrees, worst_views
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def one(strategy, motion, frame=-1):
     footage = ideal_footage(make_part("bracket", 0), "resampled", motion, 100, 0)
     answers = transfer_and_measure(footage, strategy, "first view").answers
     off = footage.truth(strategy, len(answers) + 1 + frame) - answers[frame]
-    return Failure(footage, strategy, len(answers) + 1 + frame, answers[frame], float(np.hypot(*off.T).max()))
+    return WorstView(footage, strategy, len(answers) + 1 + frame, answers[frame], float(np.hypot(*off.T).max()))
 
 
 def test_causes_are_named():

@@ -54,7 +54,7 @@ def again(quick):
 def test_every_table_is_there_and_every_cell_is_filled_or_explained(run):
     tables = {t.number: t for t in run[0].tables}
     sixes, sevens = [f"VI-{k}" for k in range(1, 4)], [f"VII-{k}" for k in range(1, 12)]
-    others = ["P", "shapes", "B", "T", "K", "A", "R", "S", "claims", "claims-counted"]
+    others = ["P", "shapes", "W", "B", "T", "K", "A", "R", "S", "claims", "claims-counted"]
     assert list(tables) == ["I", "II", "III", "IV", "V", *sixes, "VII", *sevens, "C", "G", *others]
     for table in tables.values():
         assert table.rows and table.notes and len(set(table.head)) == len(table.head)
