@@ -53,7 +53,7 @@ def paper_figures(told: ObjectRuns) -> Iterator[tuple[str, Picture]]:
     seen = [f for f in rendered if isinstance(f.tracked[frame], View)]
     if seen:
         yield "paper-fig-4", figure_four(max(seen, key=lambda f: _widest_bulge(f)[0]))
-        yield "paper-fig-5", figure_five(seen[0])
+        yield "paper-fig-5", figure_five((seen[0], seen[-1]))
         yield "paper-fig-6", figure_six(seen[0], frame)
         yield "paper-fig-7", figure_seven(seen[0], images[seen[0].part.name, seen[0].motion], frame)
     for f in rendered:

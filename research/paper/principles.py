@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -66,24 +67,24 @@ def draw_grasp_line(axes: Any, view: View, grasp: Grasp) -> grasp_line.GraspLine
     return described
 
 
-def figure_five(footage: Footage) -> Picture:
-    """The four grasp-line coordinates of a grasp."""
-    view, grasp = shown_view(footage.silhouettes[0]), Grasp(footage.on_silhouette)
-    figure = create_figure(0.6 * WIDE, 4.4, layout="constrained")
-    axes = figure.subplots()
-    described = draw_grasp_line(axes, view, grasp)
-    (a, b), centre = grasp.contacts, np.array(described.centroid)
-    meets = _meeting(a, b, centre, described.theta)
-    reach = 0.25 * math.sqrt(described.area)
-    turn = described.theta + np.linspace(0.0, described.alpha_m, 40)
-    arc = meets + reach * np.column_stack([np.cos(turn), np.sin(turn)])
-    axes.plot(*arc.T, color=TRUTH, lw=1.4)
-    draw_label(axes, arc[20], r"$\alpha_m$", meets, size=11)
-    draw_label(axes, centre, "$p_c$", meets, size=10, gap=16)
-    told = f"{relative_text(described.paper())}\n" + r"$(d_c, \alpha_m, d_1, d_2)$, over the area as printed"
-    axes.set_xlabel(told, fontsize=8.5, color=INK)
-    frame_axes(axes, view.points, "the grasp line beside the inertia axes", 0.16)
-    return f"Fig. 5, {footage.part.name}: grasp description by grasp-line coordinates", to_picture(figure)
+def figure_five(examples: Sequence[Footage]) -> Picture:
+    """The four grasp-line coordinates of the grasps on the first two objects given, in the first view."""
+    figure = create_figure(WIDE, 4.2, layout="constrained")
+    for axes, footage in zip(figure.subplots(1, 2), examples, strict=False):
+        view, grasp = shown_view(footage.silhouettes[0]), Grasp(footage.on_silhouette)
+        described = draw_grasp_line(axes, view, grasp)
+        centre = np.array(described.centroid)
+        a, b = grasp.contacts
+        meets = _meeting(a, b, centre, described.theta)
+        turn = described.theta + np.linspace(0.0, described.alpha_m, 41)
+        arc = meets + 0.25 * math.sqrt(described.area) * np.column_stack([np.cos(turn), np.sin(turn)])
+        axes.plot(*arc.T, color=TRUTH, lw=1.4)
+        draw_label(axes, arc[20], r"$\alpha_m$", meets, size=11)
+        draw_label(axes, centre, "$p_c$", meets, size=10, gap=16)
+        told = f"{relative_text(described.paper())}\n" + r"$(d_c, \alpha_m, d_1, d_2)$, over the area as printed"
+        axes.set_xlabel(told, fontsize=8.5, color=INK)
+        frame_axes(axes, view.points, footage.part.name, 0.34)
+    return "Fig. 5: grasp description by grasp-line coordinates", to_picture(figure)
 
 
 def figure_six(footage: Footage, frame: int) -> Picture:

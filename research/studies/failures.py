@@ -25,7 +25,7 @@ from grasptrack.view.style import create_figure
 from grasptrack_bench.baselines.literal import LiteralGraspLine
 from grasptrack_bench.simulation import SHAPES
 from research.paper.correspondences import Correspondences, find_correspondences, find_literal_correspondences
-from research.paper.drawing import GRASP, TRUTH, draw_line, draw_outline, draw_truth, frame_axes, to_picture, worst_px
+from research.paper.drawing import GRASP, TRUTH, draw_line, draw_outline, frame_axes, to_picture, worst_px
 from research.paper.footage import MOTIONS, TRACKED, Footage, ideal_footage, make_part
 from research.paper.transfers import COMPARED, strategy_called, transfer_and_measure
 from research.studies import common
@@ -170,11 +170,9 @@ def draw_atlas(found: dict[str, list[WorstView]]) -> Any:
             draw_outline(axes, view)
             draw_line(axes, f.answer)
             axes.plot(*f.answer.T, "o", color=GRASP, ms=4)
-            draw_truth(axes, f.truth)
+            axes.plot(*f.truth.T, "x", color=TRUTH, mew=1.2, ms=5)
             frame_axes(axes, np.concatenate([view.points, f.answer]), f"{f.footage.part.name}\n{f.off:.3g} px", 0.1)
             axes.title.set_fontsize(6.5)
-            for line in axes.lines[-1:]:
-                line.set(markersize=5, markeredgewidth=1.2, color=TRUTH)
         row[0].set_ylabel(strategy, fontsize=7.5)
     return to_picture(figure)
 
