@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from grasptrack.view.style import INK, MUTED, RULE, STRATEGY_RGB, create_figure, hex_colour
+from research.paper.drawing import WIDE, Picture, to_picture
 from research.paper.evidence import Evidence, number_of
-from research.paper.figures import WIDE, Picture, to_picture
 from research.paper.printed import STRATEGIES
 
 LEAST_PX = 0.01

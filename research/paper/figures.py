@@ -1,81 +1,83 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures 4, 7, 8, 9 and 11 of the paper drawn anew from a run, and the pairs of views behind Tables II to V."""
+"""Figures 4 to 11 of the paper drawn anew from a run, and the pairs of views behind Tables II to V."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack import kernels
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.images import Grey
-from grasptrack.transfer import grasp_line, rrp, transfer
+from grasptrack.transfer import rrp, transfer
 from grasptrack.transfer.rrp import INTERPOLATED
 from grasptrack.typing import Floats
-from grasptrack.view.style import DARK, INK, MUTED, STATUS_RGB, STRATEGY_RGB, create_figure, hex_colour
+from grasptrack.view.style import DARK, INK, create_figure
 from grasptrack_bench.baselines.literal import LiteralHomography
-from research.paper.correspondences import Correspondences, RefusedPair
+from research.paper.correspondences import Correspondences
+from research.paper.drawing import (
+    GRASP,
+    PEAK,
+    REFERENCE,
+    TRUTH,
+    WIDE,
+    Picture,
+    closed,
+    draw_contact,
+    draw_image,
+    draw_label,
+    draw_line,
+    draw_matches,
+    draw_outline,
+    draw_references,
+    draw_truth,
+    frame_axes,
+    shown_view,
+    to_picture,
+    worst_px,
+)
 from research.paper.footage import Footage
+from research.paper.objects import ObjectRuns
+from research.paper.principles import draw_grasp_line, figure_five, figure_six, figure_ten
 from research.paper.transfers import Refused
 
-Picture = tuple[str, NDArray[np.uint8]]
-"""A caption and a BGR image."""
-Images = Mapping[tuple[str, str], list[Grey]]
-WIDE = 8.2
-"""Inches."""
-DPI = 100
-GRASP = hex_colour(STATUS_RGB["tracked"])
-TRUTH = "#d1361b"
-REFERENCE = hex_colour(STRATEGY_RGB["rrp"])
-AXIS = hex_colour(STRATEGY_RGB["grasp-line"])
-PEAK = hex_colour(STRATEGY_RGB["homography"])
-_HALO: dict[str, Any] = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8}
 
-
-def paper_figures(
-    examples: Sequence[Footage],
-    found: Sequence[Correspondences],
-    sampled: Sequence[Footage],
-    images: Images,
-    frame: int,
-) -> Iterator[tuple[str, Picture]]:
-    """Names and pictures, each with its caption; a figure whose transfer was refused is left out.
-
-    Args:
-        examples: rendered footage of 4 DoF.
-        found: the pairs of Tables II and V that were answered.
-        sampled: footage of 6 DoF sampled anew, for the refinement.
-        images: the first image and that of `frame`, by object and motion.
-        frame: of the second view.
-    """
-    seen = [f for f in examples if f.kind == "rendered" and isinstance(f.tracked[frame], View)]
+def paper_figures(told: ObjectRuns) -> Iterator[tuple[str, Picture]]:
+    """Names and pictures, each with its caption; a figure whose transfer was refused is left out."""
+    images, frame = told.images, told.frame
+    rendered = [f for f in told.examples if f.kind == "rendered"]
+    seen = [f for f in rendered if isinstance(f.tracked[frame], View)]
     if seen:
         yield "paper-fig-4", figure_four(max(seen, key=lambda f: _widest_bulge(f)[0]))
+        yield "paper-fig-5", figure_five((seen[0], seen[-1]))
+        yield "paper-fig-6", figure_six(seen[0], frame)
         yield "paper-fig-7", figure_seven(seen[0], images[seen[0].part.name, seen[0].motion], frame)
-    for f in examples:
-        if f.kind == "rendered" and (drawn := figure_eight(f, images[f.part.name, f.motion], frame)) is not None:
+    for f in rendered:
+        if (drawn := figure_eight(f, images[f.part.name, f.motion], frame)) is not None:
             yield "paper-fig-8", drawn
             break
+    found = [c for c in told.pairs if isinstance(c, Correspondences) and c.transfer == "ours"]
     if found:
         c = found[0]
         yield "paper-fig-9", figure_nine(c, images[c.footage.part.name, c.footage.motion])
+    letter = [c for c in told.pairs if isinstance(c, Correspondences) and c.transfer != "ours"]
+    if letter:
+        yield "paper-fig-10", figure_ten(letter[0])
+    sampled = [f for f in told.footage if (f.kind, f.motion) == ("resampled", "6 DoF")]
     if (refined := figure_eleven(sampled)) is not None:
         yield "paper-fig-11", refined
 
 
-def table_pictures(
-    examples: Sequence[Footage], found: Sequence[Correspondences | RefusedPair], images: Images, frame: int
-) -> Iterator[Picture]:
-    """Captions and pictures of the pairs of Tables II to V; arguments as for `paper_figures`, refused pairs included."""
-    rendered = [f for f in examples if f.kind == "rendered" and isinstance(f.tracked[frame], View)]
-    pairs = [(c, images[c.footage.part.name, c.footage.motion]) for c in found if isinstance(c, Correspondences)]
+def table_pictures(told: ObjectRuns) -> Iterator[Picture]:
+    """Captions and pictures of the pairs of Tables II to V; refused pairs have none."""
+    images, frame = told.images, told.frame
+    rendered = [f for f in told.examples if f.kind == "rendered" and isinstance(f.tracked[frame], View)]
+    found = [c for c in told.pairs if isinstance(c, Correspondences) and c.transfer == "ours"]
+    pairs = [(c, images[c.footage.part.name, c.footage.motion]) for c in found]
     for c, seen in pairs:
         yield (
             f"Table II, {c.footage.part.name}: points and correspondences, with the curvature",
@@ -98,7 +100,7 @@ def figure_of_matches(c: Correspondences, images: Sequence[Grey]) -> NDArray[np.
     above, below = figure.subplots(2, 2, height_ratios=(3, 1))
     titles = "frame 0: selected points", f"frame {c.frame}: correspondences"
     for k, (axes, curve) in enumerate(zip(above, below, strict=True)):
-        _draw_matches(axes, images[k], (c.first, c.second)[k], c.points[k], titles[k])
+        draw_matches(axes, images[k], (c.first, c.second)[k], c.points[k], titles[k])
         values, marks = c.curvature[k], c.samples[k]
         curve.plot(values, color=DARK, lw=1.0)
         curve.plot(marks, values[marks], "o", color=PEAK, ms=5)
@@ -110,17 +112,17 @@ def figure_of_matches(c: Correspondences, images: Sequence[Grey]) -> NDArray[np.
 
 def figure_four(footage: Footage) -> Picture:
     """RRP coordinates: reference points of the tracked outline, and the points interpolated between two of them."""
-    view = _view(footage.tracked[0])
+    view = shown_view(footage.tracked[0])
     points = view.outer.points
     references = points[::INTERPOLATED]
     figure = create_figure(WIDE, 3.5, layout="constrained")
     whole, close = figure.subplots(1, 2)
-    _draw_outline(whole, view)
+    draw_outline(whole, view)
     grasp = Grasp(footage.on_tracked)
-    _draw_references(whole, references, grasp.contacts)
+    draw_references(whole, references, grasp.contacts)
     for at, label in zip(grasp.contacts, _coordinates(grasp, view), strict=True):
-        _draw_contact(whole, at, label, references.mean(axis=0))
-    _frame(whole, points, "reference points, and the grasp's (c, ref, interp)", 0.2)
+        draw_contact(whole, at, label, references.mean(axis=0))
+    frame_axes(whole, points, "reference points, and the grasp's (c, ref, interp)", 0.2)
     gap, ref = _widest_bulge(footage)
     side = points[np.arange(ref * INTERPOLATED, (ref + 1) * INTERPOLATED + 1) % len(points)]
     share = np.linspace(0.0, 1.0, INTERPOLATED + 1)[:, None]
@@ -132,10 +134,10 @@ def figure_four(footage: Footage) -> Picture:
     close.plot(*side[1:-1].T, "o", color=DARK, ms=4, label="interpolated on the outline, as here")
     close.plot(*side[[0, -1]].T, "o", color=REFERENCE, ms=8, mec=DARK)
     for k, name in ((0, f"ref = {ref}"), (-1, f"ref = {(ref + 1) % len(references)}")):
-        _label(close, side[k], name, chord.mean(axis=0), size=9, gap=30)
+        draw_label(close, side[k], name, chord.mean(axis=0), size=9, gap=30)
     for k, at in enumerate(side[1:-1], start=1):
-        _label(close, at, str(k), chord[k], size=8, gap=11)
-    _frame(close, side, f"the segment where both differ most, by {gap:.1f} px", 0.35)
+        draw_label(close, at, str(k), chord[k], size=8, gap=11)
+    frame_axes(close, side, f"the segment where both differ most, by {gap:.1f} px", 0.35)
     close.legend(loc="lower left", fontsize=7.5, framealpha=0.9)
     return f"Fig. 4, {footage.part.name}: RRP coordinates of contour points", to_picture(figure)
 
@@ -143,20 +145,20 @@ def figure_four(footage: Footage) -> Picture:
 def figure_seven(footage: Footage, images: Sequence[Grey], frame: int) -> Picture:
     """RRP transfer: the same coordinates on the outline that the snake moved."""
     figure = create_figure(WIDE, 3.5, layout="constrained")
-    first, second = _view(footage.tracked[0]), _view(footage.tracked[frame])
+    first, second = shown_view(footage.tracked[0]), shown_view(footage.tracked[frame])
     moved = transfer(Grasp(footage.on_tracked), first, second, "rrp").grasp
     truth = footage.truth("rrp", frame)
     panels = ((0, first, Grasp(footage.on_tracked), None), (frame, second, moved, truth))
     for axes, image, (k, view, grasp, true) in zip(figure.subplots(1, 2), images, panels, strict=True):
-        _draw_image(axes, image)
-        _draw_outline(axes, view)
+        draw_image(axes, image)
+        draw_outline(axes, view)
         references = view.outer.points[::INTERPOLATED]
-        _draw_references(axes, references, grasp.contacts)
-        _draw_truth(axes, true)
+        draw_references(axes, references, grasp.contacts)
+        draw_truth(axes, true)
         for at, label in zip(grasp.contacts, _coordinates(grasp, view), strict=True):
-            _draw_contact(axes, at, label, references.mean(axis=0))
-        off = "" if true is None else f", off by {_worst(grasp.contacts, true):.3f} px"
-        _frame(axes, view.points, f"frame {k}{off}", 0.2)
+            draw_contact(axes, at, label, references.mean(axis=0))
+        off = "" if true is None else f", off by {worst_px(grasp.contacts, true):.3f} px"
+        frame_axes(axes, view.points, f"frame {k}{off}", 0.2)
     return f"Fig. 7, {footage.part.name}: the same RRP coordinates on the outline that the snake moved", to_picture(
         figure
     )
@@ -177,33 +179,13 @@ def figure_eight(footage: Footage, images: Sequence[Grey], frame: int) -> Pictur
         (frame, second, moved, footage.truth("grasp-line", frame)),
     )
     for axes, image, (k, view, grasp, true) in zip(figure.subplots(1, 2), images, panels, strict=True):
-        described = grasp_line.describe(grasp, view)
-        area, *_ = kernels.polygon_moments(view.points, view.offsets)
-        centre, root = np.array(described.centroid), math.sqrt(area)
-        _draw_image(axes, image)
-        _draw_outline(axes, view)
-        for angle, name in ((described.theta, r"$I_{\min}$"), (described.theta + 0.5 * math.pi, r"$I_{\max}$")):
-            along = root * np.array([math.cos(angle), math.sin(angle)])
-            axes.plot(*np.array([centre - along, centre + along]).T, color=AXIS, lw=1.3)
-            axes.annotate(name, centre + 0.92 * along, fontsize=9, color=DARK, bbox=_HALO, ha="center", va="center")
-        a, b = grasp.contacts
-        axes.plot(*np.array([a - 0.5 * (b - a), b + 0.5 * (b - a)]).T, color=GRASP, lw=1.8)
-        foot = a + (b - a) * float((centre - a) @ (b - a) / ((b - a) @ (b - a)))
-        axes.plot(*np.array([centre, foot]).T, ":", color=DARK, lw=1.5)
-        axes.annotate(
-            r"$d_c$", 0.5 * (centre + foot), fontsize=9, bbox=_HALO, xytext=(-12, 8), textcoords="offset points"
-        )
-        axes.plot(*centre, "o", color=AXIS, mec=DARK, ms=6)
-        meets = _meeting(a, b, centre, described.theta)
-        axes.plot(*meets, "s", color=DARK, ms=4)
-        for at, name in ((a, "$d_1$"), (b, "$d_2$")):
-            _label(axes, 0.5 * (meets + at), name, centre, size=9, gap=11)
-        _draw_truth(axes, true)
-        for at, label in zip(grasp.contacts, ("$p_{g_1}$", "$p_{g_2}$"), strict=True):
-            _draw_contact(axes, at, label, centre)
+        draw_image(axes, image)
+        described = draw_grasp_line(axes, view, grasp)
+        draw_truth(axes, true)
+        root = math.sqrt(described.area)
         d_c, alpha, d_1, d_2 = described.paper()
-        off = "" if true is None else f", off by {_worst(grasp.contacts, true):.3f} px"
-        _frame(axes, view.points, f"frame {k}{off}", 0.16)
+        off = "" if true is None else f", off by {worst_px(grasp.contacts, true):.3f} px"
+        frame_axes(axes, view.points, f"frame {k}{off}", 0.16)
         printed = f"over the area, as printed: ({d_c:.4f}, {alpha:.4f}°, {d_1:.4f}, {d_2:.4f})"
         own = ", ".join(f"{v * root:.4f}" for v in (d_c, d_1, d_2))
         axes.set_xlabel(f"{printed}\n" + r"$d_c, d_1, d_2$ over its root: " + own, fontsize=8.5, color=INK)
@@ -218,28 +200,28 @@ def figure_nine(c: Correspondences, images: Sequence[Grey]) -> Picture:
         (one, images[0], c.first, c.points[0], "1. frame 0: four points are selected"),
         (two, images[1], c.second, c.points[1], f"1. frame {c.frame}: and found again, eq. (3)"),
     ):
-        _draw_matches(axes, image, view, points, title)
+        draw_matches(axes, image, view, points, title)
     grasp = c.footage.on_silhouette
     one.plot(*grasp.T, "o", color=GRASP, mec=DARK, ms=7)
-    _draw_outline(three, c.second)
+    draw_outline(three, c.second)
     for contour in c.first.contours:
         carried = apply_homography(c.H, contour.points)
-        three.plot(*_closed(carried).T, "--", color=PEAK, lw=1.5)
+        three.plot(*closed(carried).T, "--", color=PEAK, lw=1.5)
     three.plot([], [], "--", color=PEAK, label="first contour through H")
     three.plot([], [], color=DARK, label="second contour")
     three.plot(*c.applied.T, "o", mfc="none", mec=TRUTH, mew=1.6, ms=11, label="grasp through H")
     three.legend(loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=3, fontsize=8, frameon=False, columnspacing=1.0)
-    _frame(three, c.second.points, "2. and 3. H is computed and applied")
-    _draw_image(four, images[1])
-    _draw_outline(four, c.second)
-    _draw_line(four, c.refined)
+    frame_axes(three, c.second.points, "2. and 3. H is computed and applied")
+    draw_image(four, images[1])
+    draw_outline(four, c.second)
+    draw_line(four, c.refined)
     four.plot(*c.refined.T, "o", color=GRASP, mec=DARK, ms=7)
     truth = c.footage.truth("homography", c.frame)
-    _draw_truth(four, truth)
-    _frame(
+    draw_truth(four, truth)
+    frame_axes(
         four,
         c.second.points,
-        f"4. refined: off by {_worst(c.refined, truth):.2f} px, {_worst(c.applied, truth):.2f} before",
+        f"4. refined: off by {worst_px(c.refined, truth):.2f} px, {worst_px(c.applied, truth):.2f} before",
     )
     return f"Fig. 9, {c.footage.part.name}: the four steps of the homography transfer", to_picture(figure)
 
@@ -249,34 +231,34 @@ def figure_eleven(sampled: Sequence[Footage]) -> Picture | None:
     letter, plain = LiteralHomography(), LiteralHomography(refined=False)
     pairs: list[tuple[float, Footage, int, Floats, Floats]] = []
     for f in sampled:
-        first = _view(f.silhouettes[0])
+        first = shown_view(f.silhouettes[0])
         description = letter.describe(Grasp(f.on_silhouette), first)
         for k, view in enumerate(f.silhouettes[1:], start=1):
             try:
-                refined = letter.apply(description, _view(view)).grasp.contacts
-                applied = plain.apply(description, _view(view)).grasp.contacts
+                refined = letter.apply(description, shown_view(view)).grasp.contacts
+                applied = plain.apply(description, shown_view(view)).grasp.contacts
             except Refused:
                 continue
-            pairs.append((_worst(refined, applied), f, k, applied, refined))
+            pairs.append((worst_px(refined, applied), f, k, applied, refined))
     if not pairs:
         return None
     pairs.sort(key=lambda p: p[0])
     corrected, f, k, applied, refined = pairs[len(pairs) // 2]
-    view, truth = _view(f.silhouettes[k]), f.truth("paper-homography", k)
+    view, truth = shown_view(f.silhouettes[k]), f.truth("paper-homography", k)
     figure = create_figure(WIDE, 3.3, layout="constrained")
     whole, *close = figure.subplots(1, 3)
-    reach = max(2.0, 1.5 * max(_worst(refined, applied), _worst(refined, truth)))
+    reach = max(2.0, 1.5 * max(worst_px(refined, applied), worst_px(refined, truth)))
     for axes in (whole, *close):
-        _draw_outline(axes, view)
-        _draw_line(axes, refined)
+        draw_outline(axes, view)
+        draw_line(axes, refined)
         axes.plot(*applied.T, "o", mfc="none", mec=TRUTH, mew=1.6, ms=11, label="through H")
         axes.plot(*refined.T, "o", color=GRASP, mec=DARK, ms=7, label="refined")
         axes.plot(*truth.T, "x", color=TRUTH, mew=2.0, ms=8, label="true place")
-    _frame(whole, view.points, f"frame {k}, corrected by {corrected:.2f} px")
+    frame_axes(whole, view.points, f"frame {k}, corrected by {corrected:.2f} px")
     figure.legend(*whole.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8.5, frameon=False)
     for i, axes in enumerate(close):
         before, after = (float(np.hypot(*(p[i] - truth[i]))) for p in (applied, refined))
-        _frame(
+        frame_axes(
             axes,
             refined[i] + np.array([[-reach, -reach], [reach, reach]]),
             f"contact {i + 1}: {before:.2f} px off, then {after:.2f}",
@@ -288,12 +270,9 @@ def figure_eleven(sampled: Sequence[Footage]) -> Picture | None:
     )
 
 
-# --- what the figures have in common -------------------------------------------------------------
-
-
 def _widest_bulge(footage: Footage) -> tuple[float, int]:
     """px and reference point of the segment from which the outline is farthest."""
-    points = _view(footage.tracked[0]).outer.points
+    points = shown_view(footage.tracked[0]).outer.points
     gaps = []
     for ref in range(len(points) // INTERPOLATED):
         side = points[np.arange(ref * INTERPOLATED, (ref + 1) * INTERPOLATED + 1) % len(points)]
@@ -304,111 +283,3 @@ def _widest_bulge(footage: Footage) -> tuple[float, int]:
 
 def _coordinates(grasp: Grasp, view: View) -> list[str]:
     return [str(place) for place in rrp.describe(grasp, view).paper()]
-
-
-def _view(seen: View | str) -> View:
-    if isinstance(seen, str):
-        raise ValueError(seen)
-    return seen
-
-
-def _worst(found: Floats, truth: Floats) -> float:
-    return float(np.hypot(*(found - truth).T).max())
-
-
-def _closed(points: Floats) -> Floats:
-    return np.concatenate([points, points[:1]])
-
-
-def _draw_image(axes: Any, image: Grey) -> None:
-    """The image as a pale backdrop: smooth and of few greys, so that the file stays small."""
-    smooth = cv2.medianBlur(image, 7).astype(np.int64) // 24 * 24
-    axes.imshow(
-        smooth,
-        cmap="gray",
-        vmin=-500,
-        vmax=290,
-        interpolation="nearest",
-        extent=(-0.5, image.shape[1] - 0.5, image.shape[0] - 0.5, -0.5),
-    )
-
-
-def _draw_outline(axes: Any, view: View) -> None:
-    for contour in view.contours:
-        axes.plot(*_closed(contour.points).T, color=DARK, lw=1.2)
-
-
-def _draw_matches(axes: Any, image: Grey, view: View, points: Floats, title: str) -> None:
-    """A view with numbered points of its outline."""
-    _draw_image(axes, image)
-    _draw_outline(axes, view)
-    for k, at in enumerate(points, start=1):
-        axes.plot(*at, "o", color=PEAK, mec="white", ms=8)
-        _label(axes, at, str(k), view.points.mean(axis=0))
-    _frame(axes, view.points, title)
-
-
-def _draw_references(axes: Any, references: Floats, contacts: Floats) -> None:
-    """Every fifth is numbered, where no contact needs the place."""
-    axes.plot(*references.T, "o", color=REFERENCE, mec=DARK, mew=0.6, ms=5)
-    room = 0.06 * float(np.ptp(references, axis=0).max())
-    for i in range(0, len(references), 5):
-        if np.hypot(*(contacts - references[i]).T).min() > room:
-            _label(axes, references[i], str(i), references.mean(axis=0), size=7.5, gap=9)
-
-
-def _draw_contact(axes: Any, at: Floats, label: str, centre: Floats) -> None:
-    axes.plot(*at, "o", color=GRASP, mec=DARK, ms=8)
-    _label(axes, at, label, centre, size=10, gap=32)
-
-
-def _draw_line(axes: Any, contacts: Floats) -> None:
-    a, b = contacts
-    axes.plot(*np.array([a - 0.4 * (b - a), b + 0.4 * (b - a)]).T, color=GRASP, lw=1.6)
-
-
-def _meeting(a: Floats, b: Floats, centre: Floats, angle: float) -> Floats:
-    """(2,) where the line through a and b meets the axis."""
-    across = np.array([-math.sin(angle), math.cos(angle)])
-    return np.asarray(a + (b - a) * float(across @ (centre - a)) / float(across @ (b - a)))
-
-
-def _draw_truth(axes: Any, truth: Floats | None) -> None:
-    if truth is not None:
-        axes.plot(*truth.T, "x", color=TRUTH, mew=2.0, ms=12)
-
-
-def _label(axes: Any, at: Floats, text: str, centre: Floats, size: float = 10, gap: float = 13) -> None:
-    """Beside a point, away from the centre."""
-    away = (at - centre) / max(float(np.hypot(*(at - centre))), 1e-9)
-    axes.annotate(
-        text,
-        at,
-        xytext=(gap * away[0], -gap * away[1]),
-        textcoords="offset points",
-        fontsize=size,
-        ha="center",
-        va="center",
-        color=DARK,
-        bbox=_HALO,
-        zorder=9,
-    )
-
-
-def _frame(axes: Any, points: Floats, title: str, margin: float = 0.14) -> None:
-    """The part of the plane that holds these points, y downward as in images."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    room = margin * float((high - low).max())
-    axes.set(
-        xlim=(low[0] - room, high[0] + room), ylim=(high[1] + room, low[1] - room), aspect="equal", xticks=[], yticks=[]
-    )
-    axes.set_title(title, fontsize=9.5, color=INK)
-    for spine in axes.spines.values():
-        spine.set_color(MUTED)
-
-
-def to_picture(figure: Any) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 BGR."""
-    figure.set_dpi(DPI)
-    figure.canvas.draw()
-    return np.ascontiguousarray(np.asarray(figure.canvas.buffer_rgba())[:, :, 2::-1])

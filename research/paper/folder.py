@@ -19,7 +19,7 @@ from grasptrack_bench.report.table import Cell, to_csv, to_json, to_markdown, to
 from research.paper.page import paper_report
 from research.paper.run import PaperRun
 from research.paper.runs import StrategyRun
-from research.paper.transfers import Answer
+from research.paper.transfers import Answer, Course
 
 LEAD = (
     "Tables I to VII of Recatalá et al. (2008), rerun with three other objects, on ideal contours and on rendered images, by "
@@ -37,8 +37,8 @@ RETURN_HEAD = (*_SETTING, "frame", *_CONTACTS, *(f"given_{c}" for c in _CONTACTS
 def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], command: str = "") -> Path:
     """Write `tables/*.csv`, `tables.txt`, `tables.md`, the rows behind them, `evaluation.json`, figures and `report.html`.
 
-    The rows behind the tables are `frames.csv` (Table VII), `returns.csv` (Table VI) and `runs.csv` (Tables P, B, T, K, A, R
-    and S). These files and the tables repeat to the last digit on one machine, to 1e-9 on another; `times.csv` and
+    The rows behind the tables are `frames.csv` (Table VII), `returns.csv` (Table VI) and `runs.csv` (Tables P, W, B, T, K, A,
+    R and S). These files and the tables repeat to the last digit on one machine, to 1e-9 on another; `times.csv` and
     `claims-times.csv` do not, nor do times, versions and machine in `evaluation.json`. Figures are charts as SVG, and the
     paper's as `paper-*.png`.
 
@@ -67,9 +67,9 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
             to_csv(table, folder / "tables" / f"{table.number}.csv")
         for table in (run.times, run.time_claims):
             to_csv(table, folder / f"{table.number}.csv")
-        _write_rows(folder / "frames.csv", FRAME_HEAD, _frame_rows(run))
-        _write_rows(folder / "returns.csv", RETURN_HEAD, _return_rows(run))
-        _write_rows(folder / "runs.csv", [f.name for f in fields(StrategyRun)], map(astuple, run.runs))
+        write_rows(folder / "frames.csv", FRAME_HEAD, frame_rows(run.courses))
+        write_rows(folder / "returns.csv", RETURN_HEAD, _return_rows(run))
+        write_rows(folder / "runs.csv", [f.name for f in fields(StrategyRun)], map(astuple, run.runs))
         shown = (*run.tables, run.times, run.time_claims)
         (folder / "tables.txt").write_text("\n".join(map(to_text, shown)), encoding="utf-8")
         (folder / "tables.md").write_text("\n".join(map(to_markdown, shown)), encoding="utf-8")
@@ -89,20 +89,22 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
     return paper_report(folder, shown, run.courses, pictures, lead=LEAD, facts=facts)
 
 
-def _write_rows(path: Path, head: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
+def write_rows(path: Path, head: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
+    """Write a CSV file, numbers in full, empty for None."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(head)
         writer.writerows(["" if c is None else c for c in row] for row in rows)
 
 
-def _frame_rows(run: PaperRun) -> Iterable[list[Cell]]:
-    for c in run.courses:
+def frame_rows(courses: Iterable[Course]) -> Iterable[list[Cell]]:
+    """Rows under `FRAME_HEAD`."""
+    for c in courses:
         f = c.footage
         for k, answer in enumerate(c.answers, start=1):
             yield [
                 *(f.part.name, f.kind, f.motion, c.strategy, c.way, k),
-                *_contacts_or_reason(answer, f.truth(c.strategy, k), float(f.areas[k])),
+                *contacts_or_reason(answer, f.truth(c.strategy, k), float(f.areas[k])),
             ]
 
 
@@ -111,11 +113,11 @@ def _return_rows(run: PaperRun) -> Iterable[list[Cell]]:
         f = r.footage
         yield [
             *(f.part.name, f.kind, f.motion, r.strategy, r.frame),
-            *_contacts_or_reason(r.answer, f.contacts(r.strategy), float(f.areas[0])),
+            *contacts_or_reason(r.answer, f.contacts(r.strategy), float(f.areas[0])),
         ]
 
 
-def _contacts_or_reason(answer: Answer, wanted: Floats, area: float) -> list[Cell]:
+def contacts_or_reason(answer: Answer, wanted: Floats, area: float) -> list[Cell]:
     """Contacts found and wanted, the area, and why there are none."""
     truth = wanted.ravel().tolist()
     if isinstance(answer, str):

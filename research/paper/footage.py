@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.errors import GraspTrackError, ObservationError, TransferError
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
@@ -21,7 +22,7 @@ from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.snake.shape_space import ShapeSpace
 from grasptrack.tracking.strategies import Snakes
 from grasptrack.transfer import STRATEGIES, strategy_named
-from grasptrack.typing import Floats
+from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.baselines.paper import ExtractedOutlines, Seen, begin_near
 from grasptrack_bench.simulation import SHAPES, Path, Pinhole, Scene, Shape, similarity_path, tilting_path
 from grasptrack_bench.simulation.coverage import inside_mask
@@ -30,6 +31,9 @@ Motion = Literal["4 DoF", "6 DoF", "approach"]
 MOTIONS: tuple[Motion, ...] = ("4 DoF", "6 DoF", "approach")
 IN_IMAGES: tuple[Motion, ...] = ("4 DoF", "6 DoF")
 """Motions that keep the whole object in an image of 640x480."""
+
+Images = Mapping[tuple[str, str], list[Grey]]
+"""Images (H, W) by object and motion."""
 
 OBJECTS = ("bracket", "spanner", "notched-plate")
 """A bracket, a tool and a plate: distinct axes, at least four corners, no symmetry."""
@@ -53,17 +57,20 @@ class FilmedPart:
 
     Attributes:
         name: of its shape.
-        shape: its polygons.
         curves: (N, 2) px each, the exact polygons in the first view, outer first.
         reference: contours of about `POINTS` points in the first view, px.
         contacts: (2, 2) px, the best grasp that all strategies can describe.
     """
 
     name: str
-    shape: Shape
     curves: tuple[Floats, ...]
     reference: View
     contacts: Floats
+
+    @property
+    def shape(self) -> Shape:
+        """Its polygons."""
+        return SHAPES[self.name]()
 
     @property
     def opening(self) -> float:
@@ -139,19 +146,28 @@ def make_part(name: str, seed: int) -> FilmedPart:
     to_image = camera_trajectory("4 DoF", 1, seed).table_to_image(Pinhole())[0]
     curves = tuple(np.ascontiguousarray(apply_homography(to_image, p)) for p in shape.polygons)
     reference = sample_view(curves)
+    return FilmedPart(name, curves, reference, describable_contacts(reference))
+
+
+def describable_contacts(view: View) -> Floats:
+    """(2, 2) px, the best grasp on an outline that all strategies can describe.
+
+    Raises:
+        ObservationError: no stable grasp of which that holds.
+    """
     reason = "no stable grasp"
-    for grasp in synthesize(reference, top=10):
+    for grasp in synthesize(view, top=10):
         try:
             for strategy in STRATEGIES:
-                strategy_named(strategy).describe(grasp, reference)
+                strategy_named(strategy).describe(grasp, view)
         except GraspTrackError as error:
             reason = str(error)
         else:
-            return FilmedPart(name, shape, curves, reference, grasp.contacts)
+            return grasp.contacts
     raise ObservationError(reason)
 
 
-Kind = Literal["corresponding", "resampled", "pixel chain", "rendered"]
+Kind = Literal["corresponding", "resampled", "pixel chain", "rendered", "filmed"]
 
 KINDS: dict[Kind, str] = {
     "corresponding": "each contour is the first one moved by the true homography, point by point, as in Section V",
@@ -163,7 +179,7 @@ KINDS: dict[Kind, str] = {
     "rendered": "contours are found in rendered images of 640x480 with noise: segmented for grasp line and homography, "
     "at about a point to the px and begun where the motion takes the first beginning, a B-spline snake of 4 DoF for RRP",
 }
-"""The ways in which contours come about."""
+"""The ways in which contours come about on synthetic trajectories; "filmed" are those of real images."""
 
 
 TRACKED = ("rrp", "paper-rrp")
@@ -340,27 +356,52 @@ def observe_scene(
     part: FilmedPart, motion: Motion, scene: Scene, after: Callable[[], None] = lambda: None
 ) -> tuple[Footage, list[Grey]]:
     """As `rendered_footage`, of any scene of the object that begins as the trajectories do."""
-    frames = len(scene)
-    first = scene[0]
+    H = np.array([scene.homography(k) for k in range(len(scene))])
+    kept: list[Grey] = []
+    areas: list[float] = []
+
+    def shown() -> Iterator[Grey]:
+        for k, frame in enumerate(scene):
+            areas.append(frame.area)
+            if k in (0, middle_frame(len(scene))):
+                kept.append(frame.image)
+            yield frame.image
+            after()
+
+    seen = follow_outlines(shown(), H, part.contacts)
+    return Footage(part, "rendered", motion, H, np.array(areas), *seen), kept
+
+
+def follow_outlines(
+    images: Iterator[Pixels], H: Floats, contacts: Floats, object_at: tuple[float, float] | None = None
+) -> tuple[tuple[Seen, ...], tuple[Seen, ...], Floats, Floats]:
+    """What the strategies work on in images: outlines extracted one by one, and those that a snake of 4 DoF carries.
+
+    Args:
+        images: (H, W) or (H, W, 3) one after the other.
+        H: (F, 3, 3) H_current_reference, which says where each extracted outline begins.
+        contacts: (k, 2) px in the first image.
+        object_at: px on the object, where it is not the likeliest one.
+
+    Returns:
+        Extracted and tracked outlines by frame, and the contacts on the first of each.
+
+    Raises:
+        ObservationError: no object in the first image.
+    """
     extracted = ExtractedOutlines()
-    candidate = extracted.candidates(first.image)[0]
+    hints = FirstImage(object_at=() if object_at is None else (object_at,))
+    candidate = extracted.candidates(next(images), hints)[0]
     grey = extracted.choose(candidate)
-    grasp = Grasp(part.contacts).snapped(candidate.view)
+    grasp = Grasp(contacts).snapped(candidate.view)
     snake = Snakes(grasp, candidate.view, grey)
     silhouettes: list[Seen] = [candidate.view]
     tracked: list[Seen] = []
     template: View | None = None
-    kept: list[Grey] = [first.image]
-    areas = [first.area]
-    after()
-    for index in range(1, frames):
-        frame = scene[index]
-        areas.append(frame.area)
-        if index == middle_frame(frames):
-            kept.append(frame.image)
-        grey, found = extracted.next(frame.image)
+    for image, motion in zip(images, H[1:], strict=True):
+        grey, found = extracted.next(image)
         if isinstance(found, View):
-            found = begun_near(found, apply_homography(scene.homography(index), candidate.view.outer.points[:1])[0])
+            found = begun_near(found, apply_homography(motion, candidate.view.outer.points[:1])[0])
         silhouettes.append(found)
         try:
             carried = snake.carry(grey, None, None)
@@ -371,12 +412,9 @@ def observe_scene(
             if template is None:
                 back = np.asarray(np.linalg.inv(carried.homography), dtype=np.float64)
                 template = carried.view.transformed(back)
-        after()
     start: Seen = template if template is not None else "the snake followed no image"
     on_tracked = grasp.contacts if template is None else grasp.snapped(template).contacts
-    H = np.array([scene.homography(i) for i in range(frames)])
-    seen = tuple(silhouettes), (start, *tracked), grasp.contacts, on_tracked
-    return Footage(part, "rendered", motion, H, np.array(areas), *seen), kept
+    return tuple(silhouettes), (start, *tracked), grasp.contacts, on_tracked
 
 
 def middle_frame(frames: int) -> int:

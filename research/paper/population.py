@@ -13,6 +13,7 @@ from grasptrack.errors import ObservationError
 from grasptrack_bench.report.table import Cell, Table
 from grasptrack_bench.simulation import Path
 from research.paper.ablation import ablation_runs, sensitivity_runs
+from research.paper.choosing import rule_runs, table_of_rule
 from research.paper.clipping import BESIDE, CLIPPED, clipped_footage
 from research.paper.footage import (
     DISTANCE,
@@ -83,10 +84,11 @@ def start_runs(footage: Footage, seed: int) -> Iterator[StrategyRun]:
 
 
 def path_runs(part: FilmedPart, task: Task) -> Iterator[StrategyRun]:
-    """Every strategy along every path on every kind of contours, in every way."""
+    """Every strategy along every path on every kind of contours, in every way, and the rule that chooses among them."""
     for motion in MOTIONS:
         for kind in EXTRACTED:
             footage = ideal_footage(part, kind, motion, task.frames, task.seed)
+            yield from rule_runs(footage, task.seed)
             for strategy in COMPARED:
                 for way in ways_of(strategy):
                     errors = transfer_and_measure(footage, strategy, way).errors
@@ -140,7 +142,7 @@ def clipped_runs(part: FilmedPart, seed: int) -> Iterator[StrategyRun]:
 
 
 def population_tables(runs: Sequence[StrategyRun], left_out: dict[str, str]) -> list[Table]:
-    """Tables P (paths), shapes, B (starts of contours), T (tilt) and K (clipped)."""
+    """Tables P (paths), shapes, W (the rule), B (starts of contours), T (tilt) and K (clipped)."""
     paths = [r for r in runs if r.experiment == "paths"]
     shapes, seeds = len({r.shape for r in paths}), len({r.seed for r in paths})
     notes = (
@@ -167,13 +169,14 @@ def population_tables(runs: Sequence[StrategyRun], left_out: dict[str, str]) -> 
         ),
         Table(
             "shapes",
-            "Built-in shapes in Tables P, T, K, A, R, S and B, and those that our own refusals leave out",
+            "Built-in shapes in Tables P, W, T, K, A, R, S and B, and those that our own refusals leave out",
             ("shapes", "count", "names"),
             tuple((told, len(listed), ", ".join(listed)) for told, listed in out.items()),
             (
                 "Left out is a shape without a grasp that every strategy can describe, for the reason of the last one tried.",
             ),
         ),
+        table_of_rule(runs),
         _table(
             "B",
             "The paper's homography by where contours begin",

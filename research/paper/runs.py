@@ -24,7 +24,7 @@ class StrategyRun:
     """What one strategy made of one sequence, or of the part of it at one value of what was varied.
 
     Attributes:
-        experiment: "paths", "tilt", "clipped", "ablation" or "sensitivity".
+        experiment: "paths", "rule", "starts", "tilt", "clipped", "ablation", "refinement" or "sensitivity".
         shape, seed: of the sequence.
         motion, contours: see `footage`.
         strategy: or the variant of one.

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The transfers on random outlines, each view sampled on its own: correspondences, contacts, cut outlines, twins, times."""
+"""The transfers on random outlines, each view sampled on its own: correspondences, contacts, cut outlines, twins."""
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections import Counter
 from collections.abc import Callable
@@ -354,62 +353,17 @@ def show_turned(pairs: int, seed: int, workers: int) -> None:
     common.add_table(heads, rows)
 
 
-# --- times ---------------------------------------------------------------------------------------
-
-
-def show_times(calls: int, seed: int) -> None:
-    """Time of a call of each strategy on one random outline of 300 points."""
-    common.begin_section("Transfers: times of a call")
-    rng = np.random.default_rng(seed)
-    rows: list[list[object]] = []
-    while not rows:
-        outline = random_outline(rng)
-        points = sample_outline(outline, 300, rng)
-        reference = Contour(points)
-        grasp = synthesize(reference, friction=1.0)[0]
-        poses = [random_pose(rng, 0.0, math.radians(20.0)).homography for _ in range(calls)]
-        same = [apply_homography(H, points) for H in poses]
-        other = [sample_outline(apply_homography(H, outline), 300, rng) for H in poses]
-        makes = {
-            "RRP": ("rrp", same, None),
-            "grasp line": ("grasp-line", other, None),
-            "homography": ("homography", other, None),
-            "homography, with a prior": ("homography", other, poses),
-        }
-        try:
-            for strategy, seen, _ in makes.values():
-                gt.transfer(grasp, reference, Contour(seen[0]), strategy)
-        except TransferError:
-            continue
-        for name, (strategy, seen, priors) in makes.items():
-            pool = [
-                (grasp, reference, Contour(p), strategy, None if priors is None else priors[i])
-                for i, p in enumerate(seen)
-            ]
-            taken = 1e6 * common.time_calls(try_transfer, pool)
-            rows.append([name, float(np.median(taken)), float(np.percentile(taken, 99))])
-    common.add_table(["transfer", "median us", "99th percentile"], rows)
-
-
-def try_transfer(grasp: Grasp, reference: Contour, current: Contour, strategy: str, prior: Floats | None) -> None:
-    """A transfer, or its refusal."""
-    with contextlib.suppress(TransferError):
-        gt.transfer(grasp, reference, current, strategy, prior)
-
-
 def main() -> None:
     """Run and print."""
     parser = common.create_parser(__doc__)
     parser.add_argument("--pairs", type=int, default=600, help="outlines of each kind")
     parser.add_argument("--points", type=int, nargs="+", default=[300], help="points of an outline")
-    parser.add_argument("--calls", type=int, default=2000, help="calls that are timed")
     parser.add_argument("--seed", type=int, default=1, help="of the first outline")
     parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
     for points in args.points:
         show_pairs(args.pairs, points, args.seed, args.workers)
     show_turned(args.pairs, args.seed, args.workers)
-    show_times(args.calls, args.seed)
     common.write_sections(args.output)
 
 

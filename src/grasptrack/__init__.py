@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from grasptrack.tracking.result import TrackResult
     from grasptrack.tracking.tracker import GraspTracker
     from grasptrack.transfer import Transfer, transfer
+    from grasptrack.transfer.choice import StrategyChoice, TransferContext, choose_strategy
     from grasptrack.typing import Status, StrategyName
     from grasptrack.view.drawing import Drawing, draw
 
@@ -104,6 +105,7 @@ _HOME = {
     "tracking.result": ("TrackResult",),
     "tracking.tracker": ("GraspTracker",),
     "transfer": ("Transfer", "transfer"),
+    "transfer.choice": ("StrategyChoice", "TransferContext", "choose_strategy"),
     "typing": ("Status", "StrategyName"),
     "view.drawing": ("Drawing", "draw"),
 }  # fmt: skip
@@ -114,9 +116,10 @@ __all__ = [
     "ConditioningError", "Contour", "ContourError", "CrossingError", "Drawing", "Exploration", "Frame", "Gain", "Goal",
     "Grasp", "GraspAnalysis", "GraspError", "GraspList", "GraspPose", "GraspServo", "GraspTrackError", "GraspTracker",
     "Hand", "HandEye", "InputError", "Length", "Limits", "LiveWire", "LossPolicy", "NominalCamera", "ObservationError",
-    "ParallelLineError", "PeaksError", "RankedGrasp", "SourceError", "Status", "StrategyError", "StrategyName",
-    "Suitability", "TrackResult", "Transfer", "TransferError", "View", "__version__", "analyze", "draw", "first_look",
-    "inspect", "open_source", "read_camera", "synthesize", "transfer",
+    "ParallelLineError", "PeaksError", "RankedGrasp", "SourceError", "Status", "StrategyChoice", "StrategyError",
+    "StrategyName", "Suitability", "TrackResult", "Transfer", "TransferContext", "TransferError", "View",
+    "__version__", "analyze", "choose_strategy", "draw", "first_look", "inspect", "open_source", "read_camera",
+    "synthesize", "transfer",
 ]  # fmt: skip
 
 

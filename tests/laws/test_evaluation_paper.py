@@ -12,13 +12,18 @@ from hypothesis import strategies as st
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.transfer import STRATEGIES, transfer
+from grasptrack.transfer import STRATEGIES, homography, transfer
 from grasptrack_bench.metrics.errors import ErrorMeasure
 from reference.homography import homography_4
 from research.paper import footage as footages
 from research.paper import printed
 from research.paper.clipping import CLIPPED, clip_polygon, clipped_footage
-from research.paper.correspondences import Correspondences, find_correspondences, table_five
+from research.paper.correspondences import (
+    Correspondences,
+    find_correspondences,
+    find_literal_correspondences,
+    table_five,
+)
 from research.paper.descriptions import relative_text, table_four, table_three
 from research.paper.error_tables import table_seven, table_six
 from research.paper.footage import (
@@ -32,6 +37,7 @@ from research.paper.footage import (
     make_part,
     path_homographies,
 )
+from research.paper.principles import errors_along
 from research.paper.runs import OFF_PX
 from research.paper.transfers import COMPARED, transfer_and_measure, transfer_and_return, ways_of
 
@@ -222,6 +228,16 @@ def test_table_five_lays_open_what_the_strategy_does(name, kind):
     assert one.quantised or max(off) == pytest.approx(
         transfer_and_measure(one, "homography", "first view").errors[-1].maximum_px
     )
+
+
+def test_the_search_that_fig_10_draws_is_that_of_the_transfer():
+    found = find_literal_correspondences(footage("bracket", "resampled", "6 DoF", 0), FRAMES - 1)
+    lengths = found.first.outer.length, found.second.outer.length
+    v, w = (k / length for k, length in zip(found.curvature, lengths, strict=True))
+    radius = round(homography.NEIGHBOURHOOD * len(v))
+    for i, j, error in zip(*found.samples, found.errors, strict=True):
+        errors = errors_along(v, i, w, np.arange(j - 2.0, j + 3.0), radius)
+        assert errors.argmin() == 2 and errors[2] * lengths[1] == pytest.approx(error)
 
 
 def test_printed_errors_are_averages_and_maxima():

@@ -73,6 +73,7 @@ ELSEWHERE = {
     "pip install .": ".ci/run builds a wheel and installs it",
     "pip install --no-deps .": "the same without dependencies",
     "grasptrack models get u2netp": "downloads; tests/scenarios/test_first_look_hints.py does so on this machine",
+    "python -m research.archive": "tests/laws/test_paper_archive.py runs it with few frames",
     "pip check": "pip's own",
     "pip install --no-binary av av": "builds FFmpeg's bindings from source",
     "python tests/slow/golden.py --write": "writes a file of the repository; tests/slow/test_golden.py runs the rest",

@@ -29,8 +29,10 @@ SMALLEST = {
     "calibration": "--parts bracket --others key --disturbances clean-6dof --frames 6 --workers 1",
     "closure_probability": "--shapes bracket --draws 20 --grasps 1",
     "confidence": "RUN --picture PICTURE",
+    "failures": "--shapes bracket --seeds 1 --frames 6 --picture PICTURE",
     "first_look": "--data DATA --fit",
     "returns": "--parts bracket --disturbances clean-6dof --repeats 1 --workers 1",
+    "real_contours": "--data DATA --films film --frames 4",
     "recording": "--frames 4 --rounds 1",
     "polygons": "--data DATA --fit",
     "first_outline": "--shapes bracket --kinds gap --frames 4",
@@ -46,14 +48,14 @@ SMALLEST = {
     "synthesis": "--silhouettes DATA/tools/masks --friction 0.3",
     "thickness": "--parts bracket --thick 0.02 --workers 1",
     "trackability": "--parts bracket --disturbances clean-4dof --frames 12",
-    "transfers": "--pairs 12 --points 60 --calls 4",
+    "transfers": "--pairs 12 --points 60",
     "undistortion": "--frames 4 --shapes bracket --workers 1",
 }
 
 
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
-    """A folder with one photo of a tool and its mask."""
+    """A folder with one photo of a tool and its mask, and a film of a part with where it truly is."""
     for name in ("images", "masks"):
         (tmp_path / "tools" / name).mkdir(parents=True)
     frame = Scene(SHAPES["spanner"](), similarity_path(1), colour=True)[0]
@@ -62,6 +64,15 @@ def data(tmp_path: Path) -> Path:
     cv2.imwrite(str(tmp_path / "tools" / "images" / "a.jpg"), frame.image)
     cv2.imwrite(str(tmp_path / "tools" / "masks" / "a.png"), mask)
     (tmp_path / "tools" / "index.csv").write_text("name,scene\na,table\n")
+    (tmp_path / "videos").mkdir()
+    filmed = Scene(SHAPES["bracket"](), similarity_path(4), colour=True)
+    film = cv2.VideoWriter(str(tmp_path / "videos" / "film.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 25.0, (640, 480))
+    rows = ["frame," + ",".join(f"h{i}{j}" for i in "123" for j in "123")]
+    for k in range(len(filmed)):
+        film.write(filmed[k].image)
+        rows.append(",".join(map(str, [k, *filmed.homography(k).ravel()])))
+    film.release()
+    (tmp_path / "videos" / "film.derived_homographies.csv").write_text("\n".join(rows))
     return tmp_path
 
 
