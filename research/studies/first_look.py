@@ -28,12 +28,12 @@ from grasptrack.segmentation.first_look import first_look
 from grasptrack.segmentation.proposals import GIVEN, THRESHOLD
 from grasptrack.segmentation.segmenters import Region, Segmenter, segmenter_for
 from grasptrack.typing import Bools, Floats, Pixels
-from grasptrack_bench.metrics.mask_agreement import ENOUGH_F, ENOUGH_IOU, boundary_f, intersection_over_union, mask_of
 from grasptrack_bench.scenes import built_in, make_scene_cases
 from grasptrack_bench.simulation.coverage import inside_mask
 from grasptrack_bench.simulation.disturbances import DISTURBANCES
 from research.studies import common
-from research.studies.common import Photo
+from research.studies.common import Photo, is_found, is_mask_found
+from research.studies.first_kinds import KINDS, draw_frame, true_masks
 from research.studies.polygons import mask_corners, move_corners
 
 HINTS = ("nothing", "pixel", "box", "polygon")
@@ -77,16 +77,6 @@ class Remembered:
         return self._found
 
 
-def is_found(truth: Bools, view: Any) -> bool:
-    """Whether an outline counts as the object: boundary and area agree with its mask."""
-    return is_mask_found(truth, mask_of(view, (truth.shape[0], truth.shape[1])))
-
-
-def is_mask_found(truth: Bools, mask: Bools) -> bool:
-    """The same of a mask (H, W)."""
-    return boundary_f(truth, mask) >= ENOUGH_F and intersection_over_union(truth, mask) >= ENOUGH_IOU
-
-
 def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> PhotoLook:
     """One photo with one hint: the deepest pixel of the mask, its bounding box, or a rough polygon."""
     told: dict[str, Any] = {}
@@ -116,21 +106,26 @@ def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> PhotoLook:
             np.nan_to_num(first.rating),
             np.nan_to_num(first.lead, posinf=math.inf),
             *np.nan_to_num((first.returned, first.thin, first.leaking)).tolist(),
+            *(float(np.nan_to_num(first.neck, nan=1.0)), float(np.nan_to_num(first.cut))),
         )
         if first
-        else Signs(0.0, 0.0, 0.0, 1.0, 1.0),
+        else Signs(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0),
         ms,
     )
 
 
 def suite_images(parts: Sequence[str], seed: int) -> list[Photo]:
-    """The first image of each scene of the suite with these parts, as photos of kinds of scenes."""
+    """The first image of each scene of the suite, and of each kind of `first_kinds`, with these parts, as photos of kinds."""
     names = [name for name in DISTURBANCES if name not in SIDES]
     made = []
     for case in make_scene_cases(built_in(parts), names, frames=2, seed=seed):
         frame = case.scene()[0]
         truth = inside_mask(frame.outline, frame.image.shape[1], frame.image.shape[0])
         made.append(Photo(case.name, case.disturbance, BENCH, frame.image, truth))
+    for kind in KINDS:
+        for part in built_in(parts):
+            drawn = draw_frame(kind, part.shape, seed)
+            made.append(Photo(f"{part.shape.name}.{kind}", kind, BENCH, drawn.image, true_masks(drawn)[-1]))
     return made
 
 
@@ -209,7 +204,7 @@ def report_fit(looked: Sequence[PhotoLook]) -> None:
     weights = fit_logistic(np.array([r.signs.terms for r in fitted]), right, ties, look_counts(fitted))
     wrong = [r for r in fitted if not r.first]
     among = float(np.mean([r.three for r in wrong])) if wrong else 0.0
-    names = ("offset", "rating", "returned", "thin", "leaking")
+    names = ("offset", "rating", "returned", "thin", "leaking", "cut", "neck")
     numbers = ", ".join(f'"{name}": {w:.2f}' for name, w in zip(names, weights.tolist(), strict=True))
     common.add_paragraph(f'Fitted to {len(fitted)} looks: {numbers}, "among": {among:.2f}')
     drawn = [r for r in looked if r.hint == "polygon" and r.probability > 0.0 and r.scene != BENCH]

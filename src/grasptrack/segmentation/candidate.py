@@ -49,8 +49,11 @@ MIN_SHOWN = 0.95
 """A mixture shows at least this share of the outline that plain grey shows."""
 SIDE_DEPTH = 4.0
 """px of the working image on either side of an outline at which colours are compared."""
-SIDE_SAMPLES = 128
-"""Points of an outline, some, at which they are."""
+SIDE_SAMPLES, SIDE_MEAN = 128, 5
+"""Points of an outline, some, at which they are; and how many of them a mean is taken of."""
+SIDE_NOISE, BEYOND_SEAM = 3.0, 8.0
+"""Standard deviations of such means along an outline within which its sides are alike; and px outside it, beyond a seam, at
+which that is looked at."""
 COLOR_DISTANCE = 2.5
 """px on either side of the outline at which colours are compared."""
 COLOR_SAMPLES = 200
@@ -58,6 +61,8 @@ COLOR_SAMPLES = 200
 
 SAME_REGION = 0.1
 """Share of sqrt(area) by which mean points of one region may differ; areas by twice as much of each other."""
+MOSTLY_ALIKE = 0.5
+"""Share of an outline with the same on both sides that makes it one of seams, as between planks."""
 MOSTLY = 0.75
 """Share of an outline within another one that makes it a part of that."""
 ENCLOSURE_SAMPLES = 30
@@ -79,6 +84,9 @@ class Candidate(NamedTuple):
         returned: share of its outline that comes back when it is displaced; NaN of all but the first.
         thin: share of its outline on parts too thin for an object's; NaN of all but the first.
         leaking: share of its outline outside which it looks as inside; NaN of all but the first.
+        alike: share of its outline with the same on both sides; NaN of what was drawn.
+        neck: width of its narrowest neck, a share of the size of the lesser part beyond it; NaN of all but the first.
+        cut: what the image's border takes from its rating, 0 to 1; NaN of all but the first.
         level: grey level of the threshold that separated it from the ground; NaN where closed edges did.
         recipe: which closing of edges finds it; -1 for a threshold.
         channel: the mixture of colours that shows it; grey levels are levels of that.
@@ -97,6 +105,9 @@ class Candidate(NamedTuple):
     returned: float = math.nan
     thin: float = math.nan
     leaking: float = math.nan
+    alike: float = math.nan
+    neck: float = math.nan
+    cut: float = math.nan
     level: float = math.nan
     recipe: int = -1
     channel: Channel = PLAIN
@@ -212,11 +223,29 @@ def leaking_share(shape: Silhouette, planes: Planes, px: int) -> float:
 
     The planes (h, w, C) are of the image reduced by `px`.
     """
-    points = (shape.boundary_points(SIDE_SAMPLES) - 0.5 * (px - 1)) / px
-    normals = _outward_normals(points, 2)
-    inside, outside = (_sample_colors(planes, points + side * SIDE_DEPTH * normals) for side in (-1.0, 1.0))
+    inside, outside = _side_colors(shape, planes, px, SIDE_DEPTH)
     within, beyond = (np.linalg.norm(outside - np.median(of, axis=0), axis=1) for of in (inside, outside))
     return float((within < beyond).mean())
+
+
+def alike_share(shape: Silhouette, planes: Planes, px: int) -> float:
+    """Share of a region's outline with the same colours on both sides, as along a seam; how much they vary along it is measured.
+
+    The planes (h, w, C) are of the image reduced by `px`.
+    """
+    inside, outside = (
+        cv2.blur(colours, (1, SIDE_MEAN), borderType=cv2.BORDER_REPLICATE).reshape(colours.shape)
+        for colours in _side_colors(shape, planes, px, BEYOND_SEAM)
+    )
+    along = np.linalg.norm(inside - np.roll(inside, SIDE_MEAN, axis=0), axis=1)
+    return float((np.linalg.norm(outside - inside, axis=1) <= SIDE_NOISE * np.median(along)).mean())
+
+
+def _side_colors(shape: Silhouette, planes: Planes, px: int, beyond: float) -> tuple[Floats, Floats]:
+    """(n, C) colours SIDE_DEPTH px within a region's outline, and some px outside it."""
+    points = (shape.boundary_points(SIDE_SAMPLES) - 0.5 * (px - 1)) / px
+    normals = _outward_normals(points, 2)
+    return _sample_colors(planes, points - SIDE_DEPTH * normals), _sample_colors(planes, points + beyond * normals)
 
 
 def _outward_normals(points: Floats, step: int) -> Floats:
@@ -288,10 +317,12 @@ def is_same_region(one: View, other: View, share: float = SAME_REGION) -> bool:
 
 
 def remove_nested(found: Sequence[Candidate]) -> list[Candidate]:
-    """Those that neither lie within a better one, as its parts do, nor round it."""
+    """Those that neither lie within a better one, as its parts do, nor round it; nor, but for the first, a piece of ground that
+    seams enclose, with the same on both sides of its outline."""
     kept: list[Candidate] = []
     for c in found:
-        if not any(_share_within(c.view, o.view) + _share_within(o.view, c.view) > 0.5 for o in kept):
+        is_ground = bool(kept) and c.alike > MOSTLY_ALIKE
+        if not is_ground and not any(_share_within(c.view, o.view) + _share_within(o.view, c.view) > 0.5 for o in kept):
             kept.append(c)
     return kept
 

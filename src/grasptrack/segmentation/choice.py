@@ -45,8 +45,8 @@ class ChoiceNumbers(NamedTuple):
     Attributes:
         map_power: of the overlap with a segmenter's map.
         box_power: of the overlap of boxes.
-        offset, rating, returned, thin, leaking: of a logistic function: constant, and weights of `Signs.terms`. Times
-            `tie_factor` it is the probability.
+        offset, rating, returned, thin, leaking, cut, neck: of a logistic function: constant, and weights of `Signs.terms`.
+            Times `tie_factor` it is the probability.
         among: share of cases with a wrong first one in which another one is right.
     """
 
@@ -57,6 +57,8 @@ class ChoiceNumbers(NamedTuple):
     returned: float
     thin: float
     leaking: float
+    cut: float
+    neck: float
     among: float
 
 
@@ -69,6 +71,8 @@ class Signs(NamedTuple):
         returned: share of its outline that comes back when it is displaced, as of `snapping.OutlineSnapper`.
         thin: share of its outline on thin parts, as of `silhouettes.thin_share`.
         leaking: share of its outline that cuts through the object, as of `candidate.leaking_share`.
+        neck: width of its narrowest neck, as of `silhouettes.neck_width`.
+        cut: what the image's border takes from its rating, 0 to 1.
     """
 
     rating: float
@@ -76,13 +80,14 @@ class Signs(NamedTuple):
     returned: float
     thin: float
     leaking: float
+    neck: float
+    cut: float
 
     @property
     def terms(self) -> tuple[float, ...]:
         """What a logistic function weighs: all but the lead."""
-        return math.log(self.rating + RATING_OFFSET), *map(
-            soundness_term, (1.0 - self.returned, self.thin, self.leaking)
-        )
+        bad = 1.0 - self.returned, self.thin, self.leaking, self.cut
+        return math.log(self.rating + RATING_OFFSET), *map(soundness_term, bad), math.log(self.neck)
 
 
 def soundness_term(bad: float) -> float:
@@ -140,7 +145,14 @@ def choice_probabilities(worth: Floats, signs: Signs, numbers: ChoiceNumbers) ->
     """
     if not len(worth):
         return np.zeros(0)
-    weights = (numbers.rating, numbers.returned, numbers.thin, numbers.leaking)
+    weights = (
+        numbers.rating,
+        numbers.returned,
+        numbers.thin,
+        numbers.leaking,
+        numbers.cut,
+        numbers.neck,
+    )
     log_odds = numbers.offset + sum(w * t for w, t in zip(weights, signs.terms, strict=True))
     first = logistic(log_odds) * tie_factor(signs.lead)
     rest = np.exp(worth[1:] - worth[0])
