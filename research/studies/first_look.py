@@ -23,7 +23,7 @@ from grasptrack.first_image import FirstImage
 from grasptrack.nets.salient import SalientNet
 from grasptrack.segmentation.candidate import distinct_candidates
 from grasptrack.segmentation.candidate_search import CandidateSearch
-from grasptrack.segmentation.choice import Signs, tie_factor
+from grasptrack.segmentation.choice import Signs
 from grasptrack.segmentation.first_look import first_look
 from grasptrack.segmentation.proposals import GIVEN, THRESHOLD
 from grasptrack.segmentation.segmenters import Region, Segmenter, segmenter_for
@@ -103,13 +103,17 @@ def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> PhotoLook:
         any(right),
         first.probability if first else 0.0,
         Signs(
-            np.nan_to_num(first.rating),
-            np.nan_to_num(first.lead, posinf=math.inf),
-            *np.nan_to_num((first.returned, first.thin, first.leaking)).tolist(),
-            *(float(np.nan_to_num(first.neck, nan=1.0)), float(np.nan_to_num(first.cut))),
+            float(np.nan_to_num(first.rating)),
+            float(np.nan_to_num(first.lead, posinf=math.inf)),
+            float(np.nan_to_num(first.returned)),
+            float(np.nan_to_num(first.thin)),
+            float(np.nan_to_num(first.leaking)),
+            float(np.nan_to_num(first.neck, nan=1.0)),
+            float(np.nan_to_num(first.cut)),
+            float(np.nan_to_num(first.toned)),
         )
         if first
-        else Signs(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0),
+        else Signs(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0),
         ms,
     )
 
@@ -176,7 +180,7 @@ def look_counts(looked: Sequence[PhotoLook]) -> Floats:
 
 def cross_validated(looked: Sequence[PhotoLook]) -> Floats:
     """(n,) probabilities of being right, those of each kind of object by a fit to the others."""
-    terms, ties = np.array([r.signs.terms for r in looked]), np.array([tie_factor(r.signs.lead) for r in looked])
+    terms, ties = np.array([r.signs.terms for r in looked]), np.array([r.signs.factor for r in looked])
     right, kinds = np.array([r.first for r in looked]), np.array([r.kind for r in looked])
     told, counts = np.zeros(len(looked)), look_counts(looked)
     for kind in set(kinds.tolist()):
@@ -200,7 +204,7 @@ def report_fit(looked: Sequence[PhotoLook]) -> None:
     """The numbers of probabilities fitted to all hints but polygons, and what they are worth on kinds that were left out."""
     fitted = [r for r in looked if r.hint in FITTED and r.probability > 0.0]
     right = np.array([r.first for r in fitted])
-    ties = np.array([tie_factor(r.signs.lead) for r in fitted])
+    ties = np.array([r.signs.factor for r in fitted])
     weights = fit_logistic(np.array([r.signs.terms for r in fitted]), right, ties, look_counts(fitted))
     wrong = [r for r in fitted if not r.first]
     among = float(np.mean([r.three for r in wrong])) if wrong else 0.0

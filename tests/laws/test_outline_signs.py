@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import grasptrack as gt
-from grasptrack.segmentation.candidate import leaking_share
+from grasptrack.segmentation.candidate import alike_share, leaking_share, two_toned
 from grasptrack.segmentation.closed_edges import lab_planes
 from grasptrack.segmentation.silhouettes import Silhouette, neck_width, picture_window, thin_share, trace_silhouettes
 
@@ -65,6 +65,27 @@ def test_an_outline_leaks_where_it_cuts_through_its_object(right: int) -> None:
     assert leaking_share(silhouette(filled(PLATE)), planes, 1) == 0.0
     part = silhouette(filled((PLATE[0], PLATE[1], right, PLATE[3])))
     assert leaking_share(part, planes, 1) == pytest.approx(140 / (2 * 140 + 2 * (right - 100)), abs=0.06)
+
+
+@given(st.integers(20, 100), st.integers(0, 9))
+def test_an_outline_round_two_things_has_two_tones(more: int, seed: int) -> None:
+    shape, image = silhouette(filled(PLATE)), np.where(filled(PLATE) > 0, 150.0, 70.0)
+    noise = np.random.default_rng(seed).normal(0.0, 3.0, image.shape)
+    alone = two_toned(shape, lab_planes((image + noise).clip(0, 255).astype(np.uint8)), 1)
+    image[PLATE[1] : PLATE[3] + 1, 170 : PLATE[2] + 1] += more
+    both = two_toned(shape, lab_planes((image + noise).clip(0, 255).astype(np.uint8)), 1)
+    assert alone < 0.02 < both <= 1.0
+
+
+@given(st.integers(0, 9), st.integers(2, 4))
+def test_seams_have_the_same_on_both_sides_and_a_plate_has_not(seed: int, wide: int) -> None:
+    image = np.random.default_rng(seed).normal(150.0, 4.0, (480, 640))
+    box = filled(PLATE) > 0
+    plate = np.where(box, image - 60.0, image).clip(0, 255).astype(np.uint8)
+    assert alike_share(silhouette(filled(PLATE)), lab_planes(plate), 1) < 0.1
+    kernel = np.ones((2 * wide + 1,) * 2, np.uint8)
+    image[(cv2.dilate(filled(PLATE), kernel) > 0) & ~box] = 60.0
+    assert alike_share(silhouette(filled(PLATE)), lab_planes(image.clip(0, 255).astype(np.uint8)), 1) > 0.75
 
 
 @pytest.mark.parametrize("ink", [50, 80])

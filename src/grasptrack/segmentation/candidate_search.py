@@ -22,6 +22,7 @@ from grasptrack.segmentation.candidate import (
     contains_pixel,
     is_same_region,
     leaking_share,
+    two_toned,
 )
 from grasptrack.segmentation.choice import Signs, choice_probabilities, drawn_probability, load_numbers, measure_worth
 from grasptrack.segmentation.localization import holes_on_ground
@@ -181,7 +182,8 @@ class CandidateSearch:
         rating, shape, edges = own.proposal.rating, own.proposal.silhouette, self._scene.edges
         thin, leaking = thin_share(shape, edges.shrink), leaking_share(shape, edges.planes, edges.shrink)
         neck, cut = neck_width(shape, edges.shrink), 1.0 - rating.complete
-        signs = Signs(rating.score, lead, returned, thin, leaking, neck, cut)
+        toned = two_toned(shape, edges.planes, edges.shrink)
+        signs = Signs(rating.score, lead, returned, thin, leaking, neck, cut, toned)
         # the numbers with a map were fitted to votes: of alternatives the more cautious ones count
         asked = {bool(self._maps), self._voted}
         share = np.min([choice_probabilities(worth, signs, load_numbers(mapped)) for mapped in asked], axis=0)

@@ -46,7 +46,7 @@ class ChoiceNumbers(NamedTuple):
         map_power: of the overlap with a segmenter's map.
         box_power: of the overlap of boxes.
         offset, rating, returned, thin, leaking, cut, neck: of a logistic function: constant, and weights of `Signs.terms`.
-            Times `tie_factor` it is the probability.
+            Times `Signs.factor` it is the probability.
         among: share of cases with a wrong first one in which another one is right.
     """
 
@@ -73,6 +73,7 @@ class Signs(NamedTuple):
         leaking: share of its outline that cuts through the object, as of `candidate.leaking_share`.
         neck: width of its narrowest neck, as of `silhouettes.neck_width`.
         cut: what the image's border takes from its rating, 0 to 1.
+        toned: how plainly it may be two things, as of `candidate.two_toned`.
     """
 
     rating: float
@@ -82,12 +83,18 @@ class Signs(NamedTuple):
     leaking: float
     neck: float
     cut: float
+    toned: float
 
     @property
     def terms(self) -> tuple[float, ...]:
-        """What a logistic function weighs: all but the lead."""
+        """What a logistic function weighs: all but the lead, and that it may be two things."""
         bad = 1.0 - self.returned, self.thin, self.leaking, self.cut
         return math.log(self.rating + RATING_OFFSET), *map(soundness_term, bad), math.log(self.neck)
+
+    @property
+    def factor(self) -> float:
+        """What the logistic function is multiplied by: of what is worth the same, and of two things, either may be meant."""
+        return tie_factor(self.lead) * (1.0 - self.toned)
 
 
 def soundness_term(bad: float) -> float:
@@ -154,7 +161,7 @@ def choice_probabilities(worth: Floats, signs: Signs, numbers: ChoiceNumbers) ->
         numbers.neck,
     )
     log_odds = numbers.offset + sum(w * t for w, t in zip(weights, signs.terms, strict=True))
-    first = logistic(log_odds) * tie_factor(signs.lead)
+    first = logistic(log_odds) * signs.factor
     rest = np.exp(worth[1:] - worth[0])
     shares = (1.0 - first) * numbers.among * rest / max(float(rest.sum()), TINY_SHARE)
     return np.concatenate([[first], np.minimum(shares, first)])

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ from grasptrack.kernels.results import TraceOptions
 from grasptrack.segmentation.closed_edges import CHROMA, LIGHTNESS, Planes
 from grasptrack.segmentation.silhouettes import MIN_AREA, Chain, Silhouette, fill_polygon, to_binary, trace_silhouettes
 from grasptrack.statistics import robust_sd
-from grasptrack.typing import Bools, Floats, Floats32
+from grasptrack.typing import Bools, Floats
 
 SPACING = 1.0
 """px between contour points."""
@@ -168,7 +168,7 @@ def holes_on_ground(planes: Planes, shape: Silhouette, holes: Sequence[Contour])
     """
     left, top, right, bottom = window = shape.box_window(WINDOW_MARGIN, planes.shape)
     seen = np.ascontiguousarray(planes[top:bottom, left:right])
-    patches = cv2.blur(seen, (PATCH, PATCH)).reshape(seen.shape)
+    patches = np.asarray(cv2.blur(seen, (PATCH, PATCH)), dtype=np.float32).reshape(seen.shape)
     around = cv2.dilate(shape.filled_window(window), np.ones((2 * PATCH - 3,) * 2, np.uint8)) == 0
     if not around.any():
         return list(holes)
@@ -177,15 +177,15 @@ def holes_on_ground(planes: Planes, shape: Silhouette, holes: Sequence[Contour])
         [robust_sd(plane) for plane in (patches[around] - ground).T], [LIGHTNESS, CHROMA, CHROMA][: len(ground)]
     )
 
-    def unlikeness(colours: Floats32) -> Floats32:
+    def unlikeness(colours: Any) -> Floats:
         away = (colours - ground) / noise
-        return np.maximum(np.abs(away[..., 0]), np.hypot.reduce(away[..., 1:], axis=-1))
+        return np.asarray(np.maximum(np.abs(away[..., 0]), np.hypot.reduce(away[..., 1:], axis=-1)), dtype=np.float64)
 
     usual = max(float(np.quantile(unlikeness(patches[around]), MOST_BESIDE)), 1.0)
     kept = []
     for hole in holes:
         filled = fill_polygon(hole.points - (left, top), seen.shape)
-        inside, deep = (cv2.erode(filled, np.ones((px, px), np.uint8)) > 0 for px in (3, PATCH))
+        inside, deep = (cv2.erode(filled, np.ones((px, px), np.uint8)) > 0 for px in (3, PATCH + 4))  # off the edge
         alike = not inside.any() or unlikeness(np.median(seen[inside], axis=0)) <= ALIKE
         if alike and (not deep.any() or np.quantile(unlikeness(patches[deep]), MOST_WITHIN) <= ALIKE * usual):
             kept.append(hole)
