@@ -107,13 +107,12 @@ def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> PhotoLook:
             float(np.nan_to_num(first.lead, posinf=math.inf)),
             float(np.nan_to_num(first.returned)),
             float(np.nan_to_num(first.thin)),
-            float(np.nan_to_num(first.leaking)),
             float(np.nan_to_num(first.neck, nan=1.0)),
             float(np.nan_to_num(first.cut)),
             float(np.nan_to_num(first.toned)),
         )
         if first
-        else Signs(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0),
+        else Signs(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0),
         ms,
     )
 
@@ -208,7 +207,7 @@ def report_fit(looked: Sequence[PhotoLook]) -> None:
     weights = fit_logistic(np.array([r.signs.terms for r in fitted]), right, ties, look_counts(fitted))
     wrong = [r for r in fitted if not r.first]
     among = float(np.mean([r.three for r in wrong])) if wrong else 0.0
-    names = ("offset", "rating", "returned", "thin", "leaking", "cut", "neck")
+    names = ("offset", "rating", "returned", "thin", "cut", "neck")
     numbers = ", ".join(f'"{name}": {w:.2f}' for name, w in zip(names, weights.tolist(), strict=True))
     common.add_paragraph(f'Fitted to {len(fitted)} looks: {numbers}, "among": {among:.2f}')
     drawn = [r for r in looked if r.hint == "polygon" and r.probability > 0.0 and r.scene != BENCH]

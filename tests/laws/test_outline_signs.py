@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an outline's own look says of it: parts too thin to be an object's, necks, sides that do not differ, print that bites or
+"""What an outline's own look says of it: parts too thin to be an object's, necks, two tones, print that bites or
 looks like a hole, a frame round the picture."""
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import grasptrack as gt
-from grasptrack.segmentation.candidate import alike_share, leaking_share, two_toned
+from grasptrack.segmentation.candidate import alike_share, two_toned
 from grasptrack.segmentation.closed_edges import lab_planes
 from grasptrack.segmentation.silhouettes import Silhouette, neck_width, picture_window, thin_share, trace_silhouettes
 
@@ -56,15 +56,6 @@ def test_a_spur_is_thin_along_both_its_sides_however_large_the_image(length: int
 @given(st.integers(5, 20))
 def test_an_arm_of_five_px_and_more_is_none(wide: int) -> None:
     assert thin_share(silhouette(filled(PLATE, (221, 160, 300, 159 + wide))), 1) < 0.03
-
-
-@given(st.integers(130, 200))
-def test_an_outline_leaks_where_it_cuts_through_its_object(right: int) -> None:
-    image = np.where(filled(PLATE) > 0, np.uint8(60), np.uint8(200))
-    planes = lab_planes(image)
-    assert leaking_share(silhouette(filled(PLATE)), planes, 1) == 0.0
-    part = silhouette(filled((PLATE[0], PLATE[1], right, PLATE[3])))
-    assert leaking_share(part, planes, 1) == pytest.approx(140 / (2 * 140 + 2 * (right - 100)), abs=0.06)
 
 
 @given(st.integers(20, 100), st.integers(0, 9))

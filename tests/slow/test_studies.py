@@ -29,6 +29,7 @@ SMALLEST = {
     "calibration": "--parts bracket --others key --disturbances clean-6dof --frames 6 --workers 1",
     "closure_probability": "--shapes bracket --draws 20 --grasps 1",
     "confidence": "RUN --picture PICTURE",
+    "first_kinds": "--parts bracket",
     "first_look": "--data DATA --fit",
     "returns": "--parts bracket --disturbances clean-6dof --repeats 1 --workers 1",
     "recording": "--frames 4 --rounds 1",

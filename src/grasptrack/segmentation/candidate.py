@@ -83,7 +83,6 @@ class Candidate(NamedTuple):
         lead: logarithm of its worth over that of the best region that is plainly another one; NaN of all but the first.
         returned: share of its outline that comes back when it is displaced; NaN of all but the first.
         thin: share of its outline on parts too thin for an object's; NaN of all but the first.
-        leaking: share of its outline outside which it looks as inside; NaN of all but the first.
         alike: share of its outline with the same on both sides; NaN of what was drawn.
         neck: width of its narrowest neck, a share of the size of the lesser part beyond it; NaN of all but the first.
         cut: what the image's border takes from its rating, 0 to 1; NaN of all but the first.
@@ -105,7 +104,6 @@ class Candidate(NamedTuple):
     lead: float = math.nan
     returned: float = math.nan
     thin: float = math.nan
-    leaking: float = math.nan
     alike: float = math.nan
     neck: float = math.nan
     cut: float = math.nan
@@ -218,16 +216,6 @@ def polarity_of(grey: Grey, outline: Contour) -> int:
 
 
 # --- colours -------------------------------------------------------------------------------------
-
-
-def leaking_share(shape: Silhouette, planes: Planes, px: int) -> float:
-    """Share of a region's outline outside which it looks as inside, rather than as outside: there it cuts through the object.
-
-    The planes (h, w, C) are of the image reduced by `px`.
-    """
-    inside, outside = _side_colors(shape, planes, px, SIDE_DEPTH)
-    within, beyond = (np.linalg.norm(outside - np.median(of, axis=0), axis=1) for of in (inside, outside))
-    return float((within < beyond).mean())
 
 
 def alike_share(shape: Silhouette, planes: Planes, px: int) -> float:

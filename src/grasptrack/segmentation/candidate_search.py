@@ -21,7 +21,6 @@ from grasptrack.segmentation.candidate import (
     candidate_of_one_level,
     contains_pixel,
     is_same_region,
-    leaking_share,
     two_toned,
 )
 from grasptrack.segmentation.choice import Signs, choice_probabilities, drawn_probability, load_numbers, measure_worth
@@ -180,10 +179,9 @@ class CandidateSearch:
         returned = self._unmapped_snapper.return_share(first.view.outer.points)
         worth = np.array([r.worth for _, r in found])
         rating, shape, edges = own.proposal.rating, own.proposal.silhouette, self._scene.edges
-        thin, leaking = thin_share(shape, edges.shrink), leaking_share(shape, edges.planes, edges.shrink)
-        neck, cut = neck_width(shape, edges.shrink), 1.0 - rating.complete
+        thin, neck, cut = thin_share(shape, edges.shrink), neck_width(shape, edges.shrink), 1.0 - rating.complete
         toned = two_toned(shape, edges.planes, edges.shrink)
-        signs = Signs(rating.score, lead, returned, thin, leaking, neck, cut, toned)
+        signs = Signs(rating.score, lead, returned, thin, neck, cut, toned)
         # the numbers with a map were fitted to votes: of alternatives the more cautious ones count
         asked = {bool(self._maps), self._voted}
         share = np.min([choice_probabilities(worth, signs, load_numbers(mapped)) for mapped in asked], axis=0)
