@@ -11,11 +11,11 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 39_670,
+    "src/grasptrack": 39_671,
     "src/grasptrack/tracking": 7_173,
     "src/grasptrack/servo": 4_874,
     "src/grasptrack/io": 5_397,
-    "src/grasptrack/segmentation": 4_081,
+    "src/grasptrack/segmentation": 4_082,
     "src/grasptrack/cli": 2_991,
     "src/grasptrack/live": 2_548,
     "src/grasptrack/view": 1_987,

@@ -48,6 +48,8 @@ MIN_RIM = 3
 background."""
 WINDOW_MARGIN = 12
 """px of background around the object that are examined."""
+GROUND_SAMPLES = 2000
+"""Patches of ground, some, that are looked at."""
 PATCH, MOST_WITHIN, MOST_BESIDE = 9, 0.8, 0.97
 """px across of the patches of ground whose colours are compared; and the shares of them, in a hole and beside the object, that
 are looked at: a seam that runs through a hole covers more of that than of the rest."""
@@ -172,16 +174,15 @@ def holes_on_ground(planes: Planes, shape: Silhouette, holes: Sequence[Contour])
     around = cv2.dilate(shape.filled_window(window), np.ones((2 * PATCH - 3,) * 2, np.uint8)) == 0
     if not around.any():
         return list(holes)
-    ground = np.median(patches[around], axis=0)
-    noise = np.hypot(
-        [robust_sd(plane) for plane in (patches[around] - ground).T], [LIGHTNESS, CHROMA, CHROMA][: len(ground)]
-    )
+    beside = patches[around][:: max(1, np.count_nonzero(around) // GROUND_SAMPLES)]
+    ground = np.median(beside, axis=0)
+    noise = np.hypot([robust_sd(plane) for plane in (beside - ground).T], [LIGHTNESS, CHROMA, CHROMA][: len(ground)])
 
     def unlikeness(colours: Any) -> Floats:
         away = (colours - ground) / noise
         return np.asarray(np.maximum(np.abs(away[..., 0]), np.hypot.reduce(away[..., 1:], axis=-1)), dtype=np.float64)
 
-    usual = max(float(np.quantile(unlikeness(patches[around]), MOST_BESIDE)), 1.0)
+    usual = max(float(np.quantile(unlikeness(beside), MOST_BESIDE)), 1.0)
     kept = []
     for hole in holes:
         filled = fill_polygon(hole.points - (left, top), seen.shape)
