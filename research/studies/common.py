@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -26,6 +26,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.io.results import describe_machine
 from grasptrack.typing import Bools, Floats, Pixels
 from grasptrack_bench.method import Maker, MethodStart
+from grasptrack_bench.metrics.mask_agreement import ENOUGH_F, ENOUGH_IOU, boundary_f, intersection_over_union, mask_of
 from grasptrack_bench.metrics.score import Score, Truth
 from grasptrack_bench.simulation import SceneFrame
 
@@ -97,6 +98,16 @@ def parse_with_photos(parser: argparse.ArgumentParser) -> tuple[argparse.Namespa
     if not photos:
         raise SystemExit(f"tools/index.csv in {args.data} lists no photo")
     return args, photos
+
+
+def is_found(truth: Bools, view: Any) -> bool:
+    """Whether an outline counts as the object: boundary and area agree with its mask (H, W)."""
+    return is_mask_found(truth, mask_of(view, (truth.shape[0], truth.shape[1])))
+
+
+def is_mask_found(truth: Bools, mask: Bools) -> bool:
+    """The same of a mask (H, W)."""
+    return boundary_f(truth, mask) >= ENOUGH_F and intersection_over_union(truth, mask) >= ENOUGH_IOU
 
 
 def run_all(function: Callable[[Case], Outcome], cases: Sequence[Case], workers: int) -> list[Outcome]:

@@ -23,17 +23,17 @@ from grasptrack.first_image import FirstImage
 from grasptrack.nets.salient import SalientNet
 from grasptrack.segmentation.candidate import distinct_candidates
 from grasptrack.segmentation.candidate_search import CandidateSearch
-from grasptrack.segmentation.choice import Signs, tie_factor
+from grasptrack.segmentation.choice import Signs
 from grasptrack.segmentation.first_look import first_look
 from grasptrack.segmentation.proposals import GIVEN, THRESHOLD
 from grasptrack.segmentation.segmenters import Region, Segmenter, segmenter_for
 from grasptrack.typing import Bools, Floats, Pixels
-from grasptrack_bench.metrics.mask_agreement import ENOUGH_F, ENOUGH_IOU, boundary_f, intersection_over_union, mask_of
 from grasptrack_bench.scenes import built_in, make_scene_cases
 from grasptrack_bench.simulation.coverage import inside_mask
 from grasptrack_bench.simulation.disturbances import DISTURBANCES
 from research.studies import common
-from research.studies.common import Photo
+from research.studies.common import Photo, is_found, is_mask_found
+from research.studies.first_kinds import KINDS, draw_frame, true_masks
 from research.studies.polygons import mask_corners, move_corners
 
 HINTS = ("nothing", "pixel", "box", "polygon")
@@ -77,16 +77,6 @@ class Remembered:
         return self._found
 
 
-def is_found(truth: Bools, view: Any) -> bool:
-    """Whether an outline counts as the object: boundary and area agree with its mask."""
-    return is_mask_found(truth, mask_of(view, (truth.shape[0], truth.shape[1])))
-
-
-def is_mask_found(truth: Bools, mask: Bools) -> bool:
-    """The same of a mask (H, W)."""
-    return boundary_f(truth, mask) >= ENOUGH_F and intersection_over_union(truth, mask) >= ENOUGH_IOU
-
-
 def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> PhotoLook:
     """One photo with one hint: the deepest pixel of the mask, its bounding box, or a rough polygon."""
     told: dict[str, Any] = {}
@@ -113,24 +103,32 @@ def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> PhotoLook:
         any(right),
         first.probability if first else 0.0,
         Signs(
-            np.nan_to_num(first.rating),
-            np.nan_to_num(first.lead, posinf=math.inf),
-            *np.nan_to_num((first.returned, first.thin, first.leaking)).tolist(),
+            float(np.nan_to_num(first.rating)),
+            float(np.nan_to_num(first.lead, posinf=math.inf)),
+            float(np.nan_to_num(first.returned)),
+            float(np.nan_to_num(first.thin)),
+            float(np.nan_to_num(first.neck, nan=1.0)),
+            float(np.nan_to_num(first.cut)),
+            float(np.nan_to_num(first.toned)),
         )
         if first
-        else Signs(0.0, 0.0, 0.0, 1.0, 1.0),
+        else Signs(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0),
         ms,
     )
 
 
 def suite_images(parts: Sequence[str], seed: int) -> list[Photo]:
-    """The first image of each scene of the suite with these parts, as photos of kinds of scenes."""
+    """The first image of each scene of the suite, and of each kind of `first_kinds`, with these parts, as photos of kinds."""
     names = [name for name in DISTURBANCES if name not in SIDES]
     made = []
     for case in make_scene_cases(built_in(parts), names, frames=2, seed=seed):
         frame = case.scene()[0]
         truth = inside_mask(frame.outline, frame.image.shape[1], frame.image.shape[0])
         made.append(Photo(case.name, case.disturbance, BENCH, frame.image, truth))
+    for kind in KINDS:
+        for part in built_in(parts):
+            drawn = draw_frame(kind, part.shape, seed)
+            made.append(Photo(f"{part.shape.name}.{kind}", kind, BENCH, drawn.image, true_masks(drawn)[-1]))
     return made
 
 
@@ -181,7 +179,7 @@ def look_counts(looked: Sequence[PhotoLook]) -> Floats:
 
 def cross_validated(looked: Sequence[PhotoLook]) -> Floats:
     """(n,) probabilities of being right, those of each kind of object by a fit to the others."""
-    terms, ties = np.array([r.signs.terms for r in looked]), np.array([tie_factor(r.signs.lead) for r in looked])
+    terms, ties = np.array([r.signs.terms for r in looked]), np.array([r.signs.factor for r in looked])
     right, kinds = np.array([r.first for r in looked]), np.array([r.kind for r in looked])
     told, counts = np.zeros(len(looked)), look_counts(looked)
     for kind in set(kinds.tolist()):
@@ -205,11 +203,11 @@ def report_fit(looked: Sequence[PhotoLook]) -> None:
     """The numbers of probabilities fitted to all hints but polygons, and what they are worth on kinds that were left out."""
     fitted = [r for r in looked if r.hint in FITTED and r.probability > 0.0]
     right = np.array([r.first for r in fitted])
-    ties = np.array([tie_factor(r.signs.lead) for r in fitted])
+    ties = np.array([r.signs.factor for r in fitted])
     weights = fit_logistic(np.array([r.signs.terms for r in fitted]), right, ties, look_counts(fitted))
     wrong = [r for r in fitted if not r.first]
     among = float(np.mean([r.three for r in wrong])) if wrong else 0.0
-    names = ("offset", "rating", "returned", "thin", "leaking")
+    names = ("offset", "rating", "returned", "thin", "cut", "neck")
     numbers = ", ".join(f'"{name}": {w:.2f}' for name, w in zip(names, weights.tolist(), strict=True))
     common.add_paragraph(f'Fitted to {len(fitted)} looks: {numbers}, "among": {among:.2f}')
     drawn = [r for r in looked if r.hint == "polygon" and r.probability > 0.0 and r.scene != BENCH]

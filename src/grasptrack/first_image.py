@@ -180,6 +180,25 @@ class FirstImage:
             else (lens.straight_image(image) for image in self.more),
         )
 
+    def in_window(self, left: int, top: int, right: int, bottom: int) -> FirstImage:
+        """The same of a part of the image that it fits."""
+
+        def moved(points: tuple[Point, ...]) -> tuple[Point, ...]:
+            return tuple((x - left, y - top) for x, y in points)
+
+        def cut_out(image: Any) -> Any:
+            return None if image is None else np.ascontiguousarray(image[top:bottom, left:right])
+
+        return replace(
+            self,
+            object_at=moved(self.object_at),
+            not_at=moved(self.not_at),
+            box=None if self.box is None else (self.box[0] - left, self.box[1] - top, *self.box[2:]),
+            outline=None if self.outline is None else self.outline - (left, top),
+            hidden=cut_out(self.hidden),
+            background=cut_out(self.background),
+        )
+
     def within(self, shape: tuple[int, ...]) -> FirstImage:
         """The same for an image of this shape: boxes end at its border, masks and background are as the search takes them.
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an outline's own look says of it: parts too thin to be an object's, sides that do not differ, print that bites."""
+"""What an outline's own look says of it: parts too thin to be an object's, necks, two tones, print that bites or
+looks like a hole, a frame round the picture."""
 
 from __future__ import annotations
 
@@ -10,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import grasptrack as gt
-from grasptrack.segmentation.candidate import leaking_share
+from grasptrack.segmentation.candidate import alike_share, two_toned
 from grasptrack.segmentation.closed_edges import lab_planes
-from grasptrack.segmentation.silhouettes import Silhouette, thin_share, trace_silhouettes
+from grasptrack.segmentation.silhouettes import Silhouette, neck_width, picture_window, thin_share, trace_silhouettes
 
 PLATE = (100, 100, 220, 240)
 """Left, top, right and lower px, the latter two included."""
@@ -35,6 +36,14 @@ def test_no_part_of_a_plain_outline_is_thin(corners: int, radius: float, turn: f
     ring = np.array([320.0, 240.0]) + radius * np.column_stack([np.cos(angles), np.sin(angles)])
     mask = cv2.fillPoly(filled(), [np.rint(ring).astype(np.int32)], (255,))
     assert thin_share(silhouette(mask), 1) < 0.03
+    assert neck_width(silhouette(mask), 1) == 1.0
+
+
+@given(st.integers(4, 16), st.integers(40, 120), st.integers(1, 3))
+def test_what_hangs_on_by_little_has_a_narrow_neck(wide: int, side: int, px: int) -> None:
+    beside = 223, 160 - side // 2, 223 + side, 160 + side // 2
+    shape = silhouette(filled(PLATE, beside, (221, 160, 223, 159 + wide)), px)
+    assert wide / (2.0 * side) - 0.03 < neck_width(shape, px) < 1.3 * wide / side + 0.03
 
 
 @given(st.integers(20, 200), st.integers(1, 4), st.integers(1, 3))
@@ -49,13 +58,25 @@ def test_an_arm_of_five_px_and_more_is_none(wide: int) -> None:
     assert thin_share(silhouette(filled(PLATE, (221, 160, 300, 159 + wide))), 1) < 0.03
 
 
-@given(st.integers(130, 200))
-def test_an_outline_leaks_where_it_cuts_through_its_object(right: int) -> None:
-    image = np.where(filled(PLATE) > 0, np.uint8(60), np.uint8(200))
-    planes = lab_planes(image)
-    assert leaking_share(silhouette(filled(PLATE)), planes, 1) == 0.0
-    part = silhouette(filled((PLATE[0], PLATE[1], right, PLATE[3])))
-    assert leaking_share(part, planes, 1) == pytest.approx(140 / (2 * 140 + 2 * (right - 100)), abs=0.06)
+@given(st.integers(20, 100), st.integers(0, 9))
+def test_an_outline_round_two_things_has_two_tones(more: int, seed: int) -> None:
+    shape, image = silhouette(filled(PLATE)), np.where(filled(PLATE) > 0, 150.0, 70.0)
+    noise = np.random.default_rng(seed).normal(0.0, 3.0, image.shape)
+    alone = two_toned(shape, lab_planes((image + noise).clip(0, 255).astype(np.uint8)), 1)
+    image[PLATE[1] : PLATE[3] + 1, 170 : PLATE[2] + 1] += more
+    both = two_toned(shape, lab_planes((image + noise).clip(0, 255).astype(np.uint8)), 1)
+    assert alone < 0.02 < both <= 1.0
+
+
+@given(st.integers(0, 9), st.integers(2, 4))
+def test_seams_have_the_same_on_both_sides_and_a_plate_has_not(seed: int, wide: int) -> None:
+    image = np.random.default_rng(seed).normal(150.0, 4.0, (480, 640))
+    box = filled(PLATE) > 0
+    plate = np.where(box, image - 60.0, image).clip(0, 255).astype(np.uint8)
+    assert alike_share(silhouette(filled(PLATE)), lab_planes(plate), 1) < 0.1
+    kernel = np.ones((2 * wide + 1,) * 2, np.uint8)
+    image[(cv2.dilate(filled(PLATE), kernel) > 0) & ~box] = 60.0
+    assert alike_share(silhouette(filled(PLATE)), lab_planes(image.clip(0, 255).astype(np.uint8)), 1) > 0.75
 
 
 @pytest.mark.parametrize("ink", [50, 80])
@@ -70,3 +91,54 @@ def test_print_at_the_border_bites_no_piece_out_of_the_outline(ink: int) -> None
     assert np.abs(outline.min(axis=0) - (199.5, 139.5)).max() < 1.5
     ring = outline.astype(np.float32)
     assert all(cv2.pointPolygonTest(ring, (x + 4.5, 150.0), True) > 4.0 for x in range(215, 430, 24))
+
+
+GROUND, BODY = 90, 190
+
+
+def plate_with(inside: np.ndarray, seed: int) -> np.ndarray:
+    """A plate with a window of 40 px that shows something else."""
+    image = np.full((480, 640), float(GROUND))
+    image[140:341, 200:441] = BODY
+    image[200:240, 300:340] = inside
+    soft = cv2.GaussianBlur(image, (0, 0), 0.8) + np.random.default_rng(seed).normal(0.0, 2.0, image.shape)
+    return soft.clip(0, 255).astype(np.uint8)
+
+
+@given(st.sampled_from([-25.0, -18.0, -12.0, 12.0, 18.0, 25.0]), st.integers(0, 9))
+def test_print_that_nearly_has_the_grey_of_the_ground_is_no_hole(more: float, seed: int) -> None:
+    assert len(gt.first_look(plate_with(np.full((40, 40), GROUND + more), seed))[0].view.contours) == 1
+
+
+@given(st.integers(0, 9))
+def test_a_picture_on_ink_that_has_the_grey_of_the_ground_is_no_hole(seed: int) -> None:
+    ink = np.full((40, 40), float(GROUND))
+    ink[10:30, 10:30] = BODY - 20.0
+    assert len(gt.first_look(plate_with(ink, seed))[0].view.contours) == 1
+
+
+@given(st.integers(0, 9))
+def test_a_window_to_the_ground_is_a_hole(seed: int) -> None:
+    assert len(gt.first_look(plate_with(np.full((40, 40), float(GROUND)), seed))[0].view.contours) == 2
+
+
+@given(st.integers(0, 80), st.integers(0, 60), st.floats(0.0, 25.0), st.integers(0, 9))
+def test_black_bars_are_no_part_of_the_picture(wide: int, high: int, level: float, seed: int) -> None:
+    image = plate_with(np.full((40, 40), float(BODY)), seed)
+    framed = image.copy()
+    noise = np.random.default_rng(seed).normal(level, 1.0, image.shape).clip(0, 255).astype(np.uint8)
+    mask = np.ones(image.shape, np.bool_)
+    mask[high : 480 - high, wide : 640 - wide] = False
+    framed[mask] = noise[mask]
+    left, top, right, low = picture_window(framed)
+    assert 0 <= left - wide <= 4 and 0 <= top - high <= 4 and left == 640 - right and top == 480 - low
+    found, plain = (gt.first_look(each, (250, 200))[0].view.outer for each in (framed, image))
+    assert np.abs(found.points.mean(axis=0) - plain.points.mean(axis=0)).max() < 0.3
+
+
+@given(st.integers(0, 255), st.integers(0, 9))
+def test_a_bench_has_no_bars(level: int, seed: int) -> None:
+    image = np.random.default_rng(seed).normal(level, 3.0, (240, 320)).clip(0, 255).astype(np.uint8)
+    assert picture_window(image) == (0, 0, 320, 240)
+    image[:40] = 10  # on one side alone it is something dark
+    assert picture_window(image) == (0, 0, 320, 240)

@@ -134,14 +134,14 @@ def test_nested_regions_stay_and_probabilities_fall() -> None:
     st.lists(st.floats(-12.0, 0.0), min_size=1, max_size=30),
     st.floats(0.0, 20.0),
     st.floats(0.0, 1.0),
-    st.tuples(*[st.floats(0.1, 0.9)] * 3),
+    st.tuples(*[st.floats(0.1, 0.9)] * 5),
     st.booleans(),
 )
 def test_probabilities_are_such(
-    worth: list[float], lead: float, rating: float, shares: tuple[float, float, float], mapped: bool
+    worth: list[float], lead: float, rating: float, shares: tuple[float, ...], mapped: bool
 ) -> None:
-    falling, (returned, thin, leaking) = np.array(sorted(worth, reverse=True)), shares
-    signs = Signs(rating, lead, returned, thin, leaking)
+    falling, (returned, thin, neck, cut, toned) = np.array(sorted(worth, reverse=True)), shares
+    signs = Signs(rating, lead, returned, thin, neck, cut, toned)
     told = choice_probabilities(falling, signs, load_numbers(mapped))
     assert (told >= 0.0).all() and told.sum() <= 1.0 + 1e-9
     assert (np.diff(told) <= 1e-12).all()
@@ -149,7 +149,9 @@ def test_probabilities_are_such(
         {"lead": lead + 1.0},
         {"returned": returned + 0.1},
         {"thin": thin - 0.1},
-        {"leaking": leaking - 0.1},
+        {"neck": neck + 0.1},
+        {"cut": cut - 0.1},
+        {"toned": toned - 0.1},
     ):
         assert choice_probabilities(falling, signs._replace(**better), load_numbers(mapped))[0] >= told[0]
 

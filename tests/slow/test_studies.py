@@ -30,6 +30,7 @@ SMALLEST = {
     "closure_probability": "--shapes bracket --draws 20 --grasps 1",
     "confidence": "RUN --picture PICTURE",
     "failures": "--shapes bracket --seeds 1 --frames 6 --picture PICTURE",
+    "first_kinds": "--parts bracket",
     "first_look": "--data DATA --fit",
     "returns": "--parts bracket --disturbances clean-6dof --repeats 1 --workers 1",
     "real_contours": "--data DATA --films film --frames 4",

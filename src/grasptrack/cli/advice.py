@@ -40,12 +40,19 @@ def advice_for(codes: Mapping[str, int], frames: int) -> list[str]:
 
 
 PICTURE = "candidates.png"
+MORE = "a net of 4.6 MB finds more objects: grasptrack models get u2netp, then --segmenter u2netp"
 
 
 def note_candidates(
-    candidates: Sequence[Candidate], image: NDArray[Any] | None, output: Path, sure: float, *, meant: bool
+    candidates: Sequence[Candidate],
+    image: NDArray[Any] | None,
+    output: Path,
+    sure: float,
+    *,
+    meant: bool,
+    segmenter: str | None,
 ) -> list[str]:
-    """The line for a choice that is not sure, having written the picture; nothing where it is, or where a person has chosen.
+    """The lines for a choice that is not sure, having written the picture; nothing where it is, or where a person has chosen.
 
     Args:
         candidates: those that a person would tell apart, the likeliest first.
@@ -53,6 +60,7 @@ def note_candidates(
         output: folder of the picture; one of an earlier run is removed.
         sure: probability from which a choice is sure.
         meant: a person has chosen.
+        segmenter: that was asked for; where it is none, the small net is offered.
     """
     picture = output / PICTURE
     picture.unlink(missing_ok=True)
@@ -66,7 +74,8 @@ def note_candidates(
     others = "; ".join(f"{n} lies {describe_candidate(c, candidates[0])}" for n, c in enumerate(candidates[1:], 2))
     also = f" ({others})" if others else ""
     return [
-        f"{told}: {picture} shows what else it may be{also}; --choose N takes another, --object or --outline say it"
+        f"{told}: {picture} shows what else it may be{also}; --choose N takes another, --object or --outline say it",
+        *([] if segmenter else [MORE]),
     ]
 
 

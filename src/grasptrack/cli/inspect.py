@@ -90,7 +90,9 @@ def inspect(
     write_inspection(page, scene.image, found, title=Path(image).name + (", made straight" if lens is not None else ""))
     found = found if lens is None else as_seen(found, lens)
     by_hand = scene.said.is_settled or first.mask is not None
-    notes = note_candidates(found.candidates, scene.picture, output, first.sure, meant=by_hand)
+    notes = note_candidates(
+        found.candidates, scene.picture, output, first.sure, meant=by_hand, segmenter=first.segmenter
+    )
     content = inspection_to_dict(found, image, scene.picture.shape, asked, names_of_written(written))
     write_json(data, content)
     if json_ and not quiet:

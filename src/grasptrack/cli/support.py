@@ -59,7 +59,12 @@ def doctor() -> None:
       grasptrack doctor
     """
     wrong = 0
-    for title, findings in (("here", examine_program()), ("extras", examine_extras()), ("cameras", examine_cameras())):
+    for title, findings in (
+        ("here", examine_program()),
+        ("extras", examine_extras()),
+        ("nets", examine_nets()),
+        ("cameras", examine_cameras()),
+    ):
         tell_line(title)
         for mark, name, text in findings:
             wrong += mark == "!!"
@@ -110,6 +115,14 @@ def examine_extras() -> Iterator[Remark]:
             yield Remark("--", extra, f"{purpose}: {install_hint(extra)} adds {', '.join(missing)}")
         else:
             yield Remark("ok", extra, purpose)
+
+
+def examine_nets() -> Iterator[Remark]:
+    """The small net that finds more objects than the own search."""
+    from grasptrack.nets.models import U2NETP, is_installed
+
+    there, how = is_installed(U2NETP), f"finds more objects: grasptrack models get {U2NETP.name} brings it"
+    yield Remark("ok" if there else "--", U2NETP.name, "for --segmenter" if there else how)
 
 
 def examine_cameras() -> Iterator[Remark]:

@@ -93,7 +93,10 @@ def synthesize(
     chosen = {"fingers": fingers, "top": top, "friction": friction}
     asked = {**first.as_written(), **chosen, **as_asked(hand), "all": all_}
     by_hand = all_ or first.outline is not None or first.mask is not None
-    notes = [*note_candidates(candidates, scene.image, output, first.sure, meant=by_hand), *scene.notes]
+    notes = [
+        *note_candidates(candidates, scene.image, output, first.sure, meant=by_hand, segmenter=first.segmenter),
+        *scene.notes,
+    ]
     data, page = output / "grasps.json", output / "grasps.png"
     content = grasps_to_dict(planned, image, scene.picture.shape, asked, scale)
     choice = {"object_sure": by_hand or not candidates, "object_probability": probability}

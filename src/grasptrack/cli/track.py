@@ -186,7 +186,7 @@ def track(
     if frames.recorded_with not in ("", tracking_options(asked)):
         again = frames.recorded_with if len(frames.recorded_with) <= LONGEST else f'in its metadata, "{METADATA}"'
         notes.append(f"recorded with other options; those that give the same digits: {again}")
-    notes += note_candidates(seen, looked_at, output, first.sure, meant=said.is_settled)
+    notes += note_candidates(seen, looked_at, output, first.sure, meant=said.is_settled, segmenter=first.segmenter)
     tell_of_picture(output)
     notes += advice_for(summary.codes, summary.frames)
     if not quiet:

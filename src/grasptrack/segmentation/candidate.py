@@ -49,8 +49,11 @@ MIN_SHOWN = 0.95
 """A mixture shows at least this share of the outline that plain grey shows."""
 SIDE_DEPTH = 4.0
 """px of the working image on either side of an outline at which colours are compared."""
-SIDE_SAMPLES = 128
-"""Points of an outline, some, at which they are."""
+SIDE_SAMPLES, SIDE_MEAN, MIN_TONE = 128, 5, 8
+"""Points of an outline, some, at which they are; of how many of them a mean is taken; how many a part of it has at least."""
+SIDE_NOISE, BEYOND_SEAM = 3.0, 8.0
+"""Standard deviations of such means along an outline within which its sides are alike; and px outside it, beyond a seam, at
+which that is looked at."""
 COLOR_DISTANCE = 2.5
 """px on either side of the outline at which colours are compared."""
 COLOR_SAMPLES = 200
@@ -58,6 +61,8 @@ COLOR_SAMPLES = 200
 
 SAME_REGION = 0.1
 """Share of sqrt(area) by which mean points of one region may differ; areas by twice as much of each other."""
+MOSTLY_ALIKE = 0.5
+"""Share of an outline with the same on both sides that makes it one of seams, as between planks."""
 MOSTLY = 0.75
 """Share of an outline within another one that makes it a part of that."""
 ENCLOSURE_SAMPLES = 30
@@ -78,7 +83,10 @@ class Candidate(NamedTuple):
         lead: logarithm of its worth over that of the best region that is plainly another one; NaN of all but the first.
         returned: share of its outline that comes back when it is displaced; NaN of all but the first.
         thin: share of its outline on parts too thin for an object's; NaN of all but the first.
-        leaking: share of its outline outside which it looks as inside; NaN of all but the first.
+        alike: share of its outline with the same on both sides; NaN of what was drawn.
+        neck: width of its narrowest neck, a share of the size of the lesser part beyond it; NaN of all but the first.
+        cut: what the image's border takes from its rating, 0 to 1; NaN of all but the first.
+        toned: how plainly its outline has two parts of different colours, 0 to 1; NaN of all but the first.
         level: grey level of the threshold that separated it from the ground; NaN where closed edges did.
         recipe: which closing of edges finds it; -1 for a threshold.
         channel: the mixture of colours that shows it; grey levels are levels of that.
@@ -96,7 +104,10 @@ class Candidate(NamedTuple):
     lead: float = math.nan
     returned: float = math.nan
     thin: float = math.nan
-    leaking: float = math.nan
+    alike: float = math.nan
+    neck: float = math.nan
+    cut: float = math.nan
+    toned: float = math.nan
     level: float = math.nan
     recipe: int = -1
     channel: Channel = PLAIN
@@ -207,16 +218,48 @@ def polarity_of(grey: Grey, outline: Contour) -> int:
 # --- colours -------------------------------------------------------------------------------------
 
 
-def leaking_share(shape: Silhouette, planes: Planes, px: int) -> float:
-    """Share of a region's outline outside which it looks as inside, rather than as outside: there it cuts through the object.
+def alike_share(shape: Silhouette, planes: Planes, px: int) -> float:
+    """Share of a region's outline with the same on both sides, as along a seam; how much colours vary along it is measured.
 
     The planes (h, w, C) are of the image reduced by `px`.
     """
+    inside, outside = map(_mean_along, _side_colors(shape, planes, px, BEYOND_SEAM))
+    along = np.linalg.norm(inside - np.roll(inside, SIDE_MEAN, axis=0), axis=1)
+    return float((np.linalg.norm(outside - inside, axis=1) <= SIDE_NOISE * np.median(along)).mean())
+
+
+def two_toned(shape: Silhouette, planes: Planes, px: int) -> float:
+    """How plainly a region's outline has two parts of different colours, as of two things, 0 to 1.
+
+    It is cut into two parts so that these explain most of how its inner colours vary. That share counts as much as the parts
+    differ beside the region's own contrast. The planes (h, w, C) are of the image reduced by `px`.
+    """
+    inside, outside = map(_mean_along, _side_colors(shape, planes, px, SIDE_DEPTH))
+    contrast = float(np.median(np.linalg.norm(inside - outside, axis=1)))
+    n, centred = len(inside), inside - inside.mean(axis=0)
+    sums = np.vstack([np.zeros((1, centred.shape[1])), np.cumsum(centred, axis=0)])
+    count = np.arange(n + 1) - np.arange(n + 1)[:, None]
+    cuts = (count >= MIN_TONE) & (count <= n - MIN_TONE)
+    between = np.where(cuts, ((sums - sums[:, None]) ** 2).sum(axis=2) * n / np.maximum(count * (n - count), 1), 0.0)
+    if not between.any():
+        return 0.0
+    best = np.unravel_index(int(np.argmax(between)), between.shape)
+    explained, share = float(between[best]) / max(float((centred**2).sum()), MIN_LENGTH), float(count[best]) / n
+    apart = math.sqrt(float(between[best]) / (n * share * (1.0 - share)))
+    return (explained * min(1.0, apart / max(contrast, MIN_LENGTH))) ** 2
+
+
+def _mean_along(colours: Floats) -> Floats:
+    """Running means of colours (n, C) along an outline."""
+    means = cv2.blur(colours, (1, SIDE_MEAN), borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(means, dtype=np.float64).reshape(colours.shape)
+
+
+def _side_colors(shape: Silhouette, planes: Planes, px: int, beyond: float) -> tuple[Floats, Floats]:
+    """(n, C) colours SIDE_DEPTH px within a region's outline, and some px outside it."""
     points = (shape.boundary_points(SIDE_SAMPLES) - 0.5 * (px - 1)) / px
     normals = _outward_normals(points, 2)
-    inside, outside = (_sample_colors(planes, points + side * SIDE_DEPTH * normals) for side in (-1.0, 1.0))
-    within, beyond = (np.linalg.norm(outside - np.median(of, axis=0), axis=1) for of in (inside, outside))
-    return float((within < beyond).mean())
+    return _sample_colors(planes, points - SIDE_DEPTH * normals), _sample_colors(planes, points + beyond * normals)
 
 
 def _outward_normals(points: Floats, step: int) -> Floats:
@@ -288,10 +331,12 @@ def is_same_region(one: View, other: View, share: float = SAME_REGION) -> bool:
 
 
 def remove_nested(found: Sequence[Candidate]) -> list[Candidate]:
-    """Those that neither lie within a better one, as its parts do, nor round it."""
+    """Those that neither lie within a better one, as its parts do, nor round it; nor, but for the first, a piece of ground that
+    seams enclose, with the same on both sides of its outline."""
     kept: list[Candidate] = []
     for c in found:
-        if not any(_share_within(c.view, o.view) + _share_within(o.view, c.view) > 0.5 for o in kept):
+        is_ground = bool(kept) and c.alike > MOSTLY_ALIKE
+        if not is_ground and not any(_share_within(c.view, o.view) + _share_within(o.view, c.view) > 0.5 for o in kept):
             kept.append(c)
     return kept
 

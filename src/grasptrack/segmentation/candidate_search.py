@@ -11,16 +11,20 @@ import numpy as np
 
 from grasptrack.errors import InputError, ObservationError
 from grasptrack.first_image import FirstImage
+from grasptrack.geometry.contours import View
+from grasptrack.images import PLAIN
 from grasptrack.segmentation.background import background_maps
 from grasptrack.segmentation.candidate import (
     Candidate,
+    alike_share,
     candidate_of_edges,
     candidate_of_one_level,
     contains_pixel,
     is_same_region,
-    leaking_share,
+    two_toned,
 )
 from grasptrack.segmentation.choice import Signs, choice_probabilities, drawn_probability, load_numbers, measure_worth
+from grasptrack.segmentation.localization import holes_on_ground
 from grasptrack.segmentation.proposals import (
     GIVEN,
     MIN_EXTENT,
@@ -34,7 +38,14 @@ from grasptrack.segmentation.proposals import (
 )
 from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, asked_regions, region_maps
 from grasptrack.segmentation.shadow import without_shadow
-from grasptrack.segmentation.silhouettes import Silhouette, box_iou, polygon_silhouette, thin_share
+from grasptrack.segmentation.silhouettes import (
+    Silhouette,
+    box_iou,
+    neck_width,
+    picture_window,
+    polygon_silhouette,
+    thin_share,
+)
 from grasptrack.segmentation.snapping import ALL_ROUND, OutlineSnapper, outline_agreement
 from grasptrack.segmentation.work import CONTOUR, CONTOUR_AREA
 from grasptrack.typing import Floats, Pixels
@@ -91,9 +102,16 @@ class CandidateSearch:
     """
 
     def __init__(self, colours: Pixels, said: FirstImage, segmenter: Segmenter | None) -> None:
-        self._scene, self._said = PreparedImage(colours, said), said
         self._masks_only = isinstance(segmenter, OneMask)
         regions = [] if segmenter is None or said.masked else asked_regions(segmenter, colours, said)
+        # a frame round the picture is none of the scene, and has the strongest edges of all
+        own = said.masked or self._masks_only
+        left, top, right, bottom = window = (0, 0, 0, 0) if own else picture_window(PLAIN.to_grey(colours))
+        self._corner = np.array([left, top], dtype=np.float64)
+        if self._corner.any():
+            regions = [r._replace(mask=r.as_map(colours.shape[:2])[top:bottom, left:right]) for r in regions]
+            colours, said = np.ascontiguousarray(colours[top:bottom, left:right]), said.in_window(*window)
+        self._scene, self._said = PreparedImage(colours, said), said
         if said.background is not None:
             if self._masks_only or said.masked:
                 raise InputError("a background and a mask both say where the object is: give one of them")
@@ -114,9 +132,15 @@ class CandidateSearch:
             ObservationError: what a person drew is too small, or beyond the image.
         """
         if self._said.outline is not None:
-            return [self._drawn_candidate(self._said.outline)]
-        rated = self._rate_meant()
-        return self._with_probabilities(self._localize_all(rated), rated)
+            found = [self._drawn_candidate(self._said.outline)]
+        else:
+            rated = self._rate_meant()
+            found = self._with_probabilities(self._localize_all(rated), rated)
+        if not self._corner.any():
+            return found
+        back = np.eye(3)
+        back[:2, 2] = self._corner
+        return [c._replace(view=c.view.transformed(back)) for c in found]
 
     def compared_proposals(self) -> list[OutlineProposal]:
         """The best rated proposals of the image and of those that are meant, of a segmenter's as many."""
@@ -154,14 +178,18 @@ class CandidateSearch:
         lead = min((min(own.worth - r.worth, own.unmapped - r.unmapped) for r in rivals), default=math.inf)
         returned = self._unmapped_snapper.return_share(first.view.outer.points)
         worth = np.array([r.worth for _, r in found])
-        shape, edges = own.proposal.silhouette, self._scene.edges
-        thin, leaking = thin_share(shape, edges.shrink), leaking_share(shape, edges.planes, edges.shrink)
-        signs = Signs(own.proposal.rating.score, lead, returned, thin, leaking)
+        rating, shape, edges = own.proposal.rating, own.proposal.silhouette, self._scene.edges
+        thin, neck, cut = thin_share(shape, edges.shrink), neck_width(shape, edges.shrink), 1.0 - rating.complete
+        toned = two_toned(shape, edges.planes, edges.shrink)
+        signs = Signs(rating.score, lead, returned, thin, neck, cut, toned)
         # the numbers with a map were fitted to votes: of alternatives the more cautious ones count
         asked = {bool(self._maps), self._voted}
         share = np.min([choice_probabilities(worth, signs, load_numbers(mapped)) for mapped in asked], axis=0)
-        judged = [c._replace(probability=float(p)) for (c, _), p in zip(found, share, strict=True)]
-        return [judged[0]._replace(lead=lead, returned=returned, thin=thin, leaking=leaking), *judged[1:]]
+        judged = [
+            c._replace(probability=float(p), alike=alike_share(r.proposal.silhouette, edges.planes, edges.shrink))
+            for (c, r), p in zip(found, share, strict=True)
+        ]
+        return [judged[0]._replace(**{**signs._asdict(), "rating": judged[0].rating}), *judged[1:]]
 
     def _drawn_candidate(self, polygon: Floats) -> Candidate:
         """What a rough polygon is: the best rated proposal that agrees with it all round, else the polygon moved onto the edges
@@ -246,6 +274,9 @@ class CandidateSearch:
             found = candidate_of_edges(colours, planes, p.silhouette, hidden)
         if found is None:
             return None
+        if found.view.contours[1:]:
+            holes = holes_on_ground(self._scene.planes, p.silhouette, found.view.contours[1:])
+            found = found._replace(view=View([found.view.outer, *holes]))
         return found._replace(level=p.level, recipe=p.recipe, grain=p.grain, shaded=is_cut_out)
 
     def _out_of_shadow(self, p: OutlineProposal) -> tuple[OutlineProposal, bool]:

@@ -32,7 +32,7 @@ TIE = 8.0
 for parts on sheets and equals: at 15 more sure ones were wrong on scenes of other parts, at 6 fewer were sure and none less
 wrong."""
 ALL_BUT = 0.02
-"""Share of an outline that says nothing by not returning, by being thin, or by leaking."""
+"""Share of an outline that says nothing by not returning, by being thin, or by being cut."""
 OVERLAP_PIXELS = 48
 """px across of a region in which its overlap with a map is measured."""
 MAX_LOG_ODDS = 50.0
@@ -45,8 +45,8 @@ class ChoiceNumbers(NamedTuple):
     Attributes:
         map_power: of the overlap with a segmenter's map.
         box_power: of the overlap of boxes.
-        offset, rating, returned, thin, leaking: of a logistic function: constant, and weights of `Signs.terms`. Times
-            `tie_factor` it is the probability.
+        offset, rating, returned, thin, cut, neck: of a logistic function: constant, and weights of `Signs.terms`.
+            Times `Signs.factor` it is the probability.
         among: share of cases with a wrong first one in which another one is right.
     """
 
@@ -56,7 +56,8 @@ class ChoiceNumbers(NamedTuple):
     rating: float
     returned: float
     thin: float
-    leaking: float
+    cut: float
+    neck: float
     among: float
 
 
@@ -68,21 +69,29 @@ class Signs(NamedTuple):
         lead: logarithm of its worth over that of the best that is plainly another region.
         returned: share of its outline that comes back when it is displaced, as of `snapping.OutlineSnapper`.
         thin: share of its outline on thin parts, as of `silhouettes.thin_share`.
-        leaking: share of its outline that cuts through the object, as of `candidate.leaking_share`.
+        neck: width of its narrowest neck, as of `silhouettes.neck_width`.
+        cut: what the image's border takes from its rating, 0 to 1.
+        toned: how plainly it may be two things, as of `candidate.two_toned`.
     """
 
     rating: float
     lead: float
     returned: float
     thin: float
-    leaking: float
+    neck: float
+    cut: float
+    toned: float
 
     @property
     def terms(self) -> tuple[float, ...]:
-        """What a logistic function weighs: all but the lead."""
-        return math.log(self.rating + RATING_OFFSET), *map(
-            soundness_term, (1.0 - self.returned, self.thin, self.leaking)
-        )
+        """What a logistic function weighs: all but the lead, and that it may be two things."""
+        bad = 1.0 - self.returned, self.thin, self.cut
+        return math.log(self.rating + RATING_OFFSET), *map(soundness_term, bad), math.log(self.neck)
+
+    @property
+    def factor(self) -> float:
+        """What the logistic function is multiplied by: of what is worth the same, and of two things, either may be meant."""
+        return tie_factor(self.lead) * (1.0 - self.toned)
 
 
 def soundness_term(bad: float) -> float:
@@ -140,9 +149,15 @@ def choice_probabilities(worth: Floats, signs: Signs, numbers: ChoiceNumbers) ->
     """
     if not len(worth):
         return np.zeros(0)
-    weights = (numbers.rating, numbers.returned, numbers.thin, numbers.leaking)
+    weights = (
+        numbers.rating,
+        numbers.returned,
+        numbers.thin,
+        numbers.cut,
+        numbers.neck,
+    )
     log_odds = numbers.offset + sum(w * t for w, t in zip(weights, signs.terms, strict=True))
-    first = logistic(log_odds) * tie_factor(signs.lead)
+    first = logistic(log_odds) * signs.factor
     rest = np.exp(worth[1:] - worth[0])
     shares = (1.0 - first) * numbers.among * rest / max(float(rest.sum()), TINY_SHARE)
     return np.concatenate([[first], np.minimum(shares, first)])

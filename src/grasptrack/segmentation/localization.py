@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -13,8 +14,9 @@ from grasptrack.errors import ContourError
 from grasptrack.geometry.contours import Contour
 from grasptrack.images import Grey
 from grasptrack.kernels.results import TraceOptions
-from grasptrack.segmentation.closed_edges import Planes
-from grasptrack.segmentation.silhouettes import MIN_AREA, Chain, Silhouette, to_binary, trace_silhouettes
+from grasptrack.segmentation.closed_edges import CHROMA, LIGHTNESS, Planes
+from grasptrack.segmentation.silhouettes import MIN_AREA, Chain, Silhouette, fill_polygon, to_binary, trace_silhouettes
+from grasptrack.statistics import robust_sd
 from grasptrack.typing import Bools, Floats
 
 SPACING = 1.0
@@ -46,6 +48,11 @@ MIN_RIM = 3
 background."""
 WINDOW_MARGIN = 12
 """px of background around the object that are examined."""
+GROUND_SAMPLES = 2000
+"""Patches of ground, some, that are looked at."""
+PATCH, MOST_WITHIN, MOST_BESIDE = 9, 0.8, 0.97
+"""px across of the patches of ground whose colours are compared; and the shares of them, in a hole and beside the object, that
+are looked at: a seam that runs through a hole covers more of that than of the rest."""
 TOLERANCE = 1e-6
 
 
@@ -154,3 +161,33 @@ def background_within(image: Planes, shape: Silhouette) -> list[Chain]:
     found = trace_silhouettes(grown, max(MIN_HOLE_SHARE * shape.area, MIN_AREA), holes=False)
     whole = [s for s in found if (deep[s.outer[:, 1], s.outer[:, 0]] > 0).all()]
     return [s.outer + np.array([left, top], np.int32) for s in whole[:MAX_HOLES]]
+
+
+def holes_on_ground(planes: Planes, shape: Silhouette, holes: Sequence[Contour]) -> list[Contour]:
+    """Those holes of a silhouette whose inside is the ground: print has other colours, or several.
+
+    How far patches of the ground differ is measured beside the silhouette.
+    """
+    left, top, right, bottom = window = shape.box_window(WINDOW_MARGIN, planes.shape)
+    seen = np.ascontiguousarray(planes[top:bottom, left:right])
+    patches = np.asarray(cv2.blur(seen, (PATCH, PATCH)), dtype=np.float32).reshape(seen.shape)
+    around = cv2.dilate(shape.filled_window(window), np.ones((2 * PATCH - 3,) * 2, np.uint8)) == 0
+    if not around.any():
+        return list(holes)
+    beside = patches[around][:: max(1, np.count_nonzero(around) // GROUND_SAMPLES)]
+    ground = np.median(beside, axis=0)
+    noise = np.hypot([robust_sd(plane) for plane in (beside - ground).T], [LIGHTNESS, CHROMA, CHROMA][: len(ground)])
+
+    def unlikeness(colours: Any) -> Floats:
+        away = (colours - ground) / noise
+        return np.asarray(np.maximum(np.abs(away[..., 0]), np.hypot.reduce(away[..., 1:], axis=-1)), dtype=np.float64)
+
+    usual = max(float(np.quantile(unlikeness(beside), MOST_BESIDE)), 1.0)
+    kept = []
+    for hole in holes:
+        filled = fill_polygon(hole.points - (left, top), seen.shape)
+        inside, deep = (cv2.erode(filled, np.ones((px, px), np.uint8)) > 0 for px in (3, PATCH + 4))  # off the edge
+        alike = not inside.any() or unlikeness(np.median(seen[inside], axis=0)) <= ALIKE
+        if alike and (not deep.any() or np.quantile(unlikeness(patches[deep]), MOST_WITHIN) <= ALIKE * usual):
+            kept.append(hole)
+    return kept

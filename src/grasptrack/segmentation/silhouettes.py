@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import cv2
@@ -29,6 +30,12 @@ MIN_LEVEL_GAP = 6.0
 """Thresholds that differ by fewer grey levels give the same outlines."""
 THIN_RADIUS, THIN_MARGIN = 2, 4
 """px: what a disc of this radius cannot enter is thin; and px round a region in which it is measured."""
+NECK_RADII = (1, 2, 3, 4, 6, 8, 11)
+"""px, half the widths of necks that are looked for."""
+EVEN, STEP_PX, MAX_BAR, BAR_LEVELS, BLACK = 0.9, 3, 0.25, 6.0, 32.0
+"""Black bars: share of a row's pixels that have the bar's grey, and px in which that ends, where at most a share of MAX_BAR has
+it any more; no bar is deeper than that share of the image. Grey levels by which codecs and noise change it, and that it has at
+most."""
 SUBPIXEL_BITS = 4
 """Binary digits of a pixel's fraction with which OpenCV fills polygons."""
 ROUNDING = 1e-12
@@ -98,12 +105,51 @@ def thin_share(shape: Silhouette, px: int) -> float:
     return float((away[outer[:, 1], outer[:, 0]] > THIN_RADIUS).mean())
 
 
+def neck_width(shape: Silhouette, px: int) -> float:
+    """Width of a region's narrowest neck, as a share of the size of the lesser part beyond it; 1 where it has none.
+
+    Of the image reduced by `px`. A handle is as long as it is narrow; what only touches hangs on by little.
+    """
+    outer = shape.outer // px
+    low = outer.min(axis=0)
+    filled = np.zeros((np.ptp(outer, axis=0) + 2 * THIN_MARGIN + 1)[::-1], np.uint8)
+    cv2.drawContours(filled, [(outer - low + THIN_MARGIN).reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
+    depth, narrowest = cv2.distanceTransform(filled, cv2.DIST_L2, 3), 1.0
+    for radius in NECK_RADII:
+        count, _, stats, _ = cv2.connectedComponentsWithStats(to_binary(depth > radius), connectivity=4)
+        if count > 2:
+            size = math.sqrt(float(np.partition(stats[1:, cv2.CC_STAT_AREA], -2)[-2]))
+            narrowest = min(narrowest, 2.0 * radius / (size + 2.0 * radius))
+    return narrowest
+
+
 def box_iou(one: Box | tuple[int, int, int, int], other: Box) -> float:
     """Intersection over union of two boxes."""
     wide = min(one[0] + one[2], other[0] + other[2]) - max(one[0], other[0])
     tall = min(one[1] + one[3], other[1] + other[3]) - max(one[1], other[1])
     both = max(wide, 0.0) * max(tall, 0.0)
     return both / (one[2] * one[3] + other[2] * other[3] - both)
+
+
+def picture_window(grey: Grey) -> Window:
+    """The part of an image (H, W) within black bars, pillars or a bezel: they come in pairs that are equally deep.
+
+    All of it where there are none.
+    """
+    (top, low), (left, right) = _bar_depths(grey), _bar_depths(grey.T)
+    return left, top, grey.shape[1] - right, grey.shape[0] - low
+
+
+def _bar_depths(grey: Grey) -> tuple[int, int]:
+    """px of the bars at both ends of an image's rows (H, W), 0 where there is none."""
+    found = []
+    for rows in (grey, grey[::-1]):
+        most, level = int(MAX_BAR * len(rows)), float(np.median(rows[0]))
+        alike = (np.abs(rows[:most].astype(np.float32) - level) <= BAR_LEVELS).mean(axis=1)
+        depth = int(np.argmax(alike < EVEN)) if (alike < EVEN).any() else most
+        ends = depth + STEP_PX < most and alike[depth + STEP_PX] <= MAX_BAR
+        found.append(depth + STEP_PX if level <= BLACK and depth > 0 and ends else 0)
+    return (found[0], found[1]) if abs(found[0] - found[1]) <= STEP_PX and min(found) else (0, 0)
 
 
 def to_binary(mask: NDArray[np.bool_]) -> Grey:
