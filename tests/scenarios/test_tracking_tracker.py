@@ -131,7 +131,7 @@ def test_what_lies_under_an_ignored_pixel_does_not_matter() -> None:
         for image in images:
             image[ignore != 0] = level
         found.append(contacts(track(images, grasp=GIVEN, ignore=ignore)))
-    assert np.abs(found[0] - found[1]).max() < 0.15  # a sample beside them may be left out in one of both
+    np.testing.assert_array_equal(found[0], found[1])
     truth = [apply_homography(H @ np.linalg.inv(POSES[0]), found[0][0]) for H in POSES]
     assert np.abs(found[0] - np.array(truth)).max() < 1.0
 

@@ -56,6 +56,8 @@ MAX_GROWTH = 2.5
 """An area that differs from the expected one by more than this factor belongs to another object."""
 MAX_ZOOM = 16.0
 """The same after a loss."""
+UNDER_IGNORED = 128
+"""Grey level of what is ignored: whatever lies there, and what of it a filter takes along, must not matter."""
 SAME_PLACE = 0.02
 """Share of sqrt(area) by which places of one outline differ at different thresholds, see `is_same_region`."""
 
@@ -151,6 +153,9 @@ class OutlineDetector:
         """
         self._levels.clear()  # keyed by the ids of views, which later views may reuse
         self.colours = to_bgr(image)
+        if self.hidden is not None and self.hidden.shape == self.colours.shape[:2]:
+            self.colours = self.colours.copy()
+            self.colours[self.hidden != 0] = UNDER_IGNORED
         return self._channel.to_grey(self.colours)
 
     def find_objects(self, said: FirstImage, segmenter: Segmenter | None = None) -> list[Candidate]:
