@@ -118,13 +118,14 @@ def main() -> None:
     parser.add_argument("--shapes", default="bracket,half-disc,bottle,key,gear,s-blob")
     parser.add_argument("--kinds", default=",".join(KINDS), help="of what is wrong")
     parser.add_argument("--frames", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=702)
+    parser.add_argument("--seeds", default="702,3,1001,1002,1003", help="of the sequences, each one of all parts")
     asked = parser.parse_args()
     common.begin_section("Wrong first outlines")
     common.add_paragraph("Beside: contacts were given that lay beside the object from the first.")
     rows = []
     for kind, given in itertools.product(asked.kinds.split(","), (False, True)):
-        runs = [run_sequence(s, kind, asked.seed, asked.frames, given=given) for s in asked.shapes.split(",")]
+        drawn = itertools.product(asked.shapes.split(","), map(int, asked.seeds.split(",")))
+        runs = [run_sequence(shape, kind, seed, asked.frames, given=given) for shape, seed in drawn]
         total = {key: round(sum(each[key] for each in runs)) for key in runs[0]}
         rows.append((kind, "contacts given" if given else "own grasp", len(runs), *total.values()))
     common.add_table(("first image", "start", "sequences", "refused", "frames", "answered", "wrong", "beside"), rows)
