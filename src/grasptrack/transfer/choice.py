@@ -62,7 +62,8 @@ class TransferContext:
         Args:
             grasp: contacts (k, 2) px on the outline.
             view: a Contour or View, or points (N, 2) px.
-            tracked, predicted: see the attributes.
+            tracked: see the attributes.
+            predicted: likewise.
 
         Raises:
             ContourError: points that are no contour.
