@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_554,
     "research": 10_511,
     "native": 6_903,
-    "tests": 41_689,
+    "tests": 41_697,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 196

@@ -26,7 +26,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-from grasptrack.cli.main import main
+from grasptrack.cli.main import main, run_app
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.io.video import VideoWriter
 from program import whole_program
@@ -213,6 +213,14 @@ def test_every_command_is_known(command: str) -> None:
         assert not named or named == {d for d in optional["dependencies"] if not d.startswith("opencv")}
     else:
         assert words[0] == "dask", "a command that no table knows"
+
+
+def test_what_is_documented_without_options_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    """As `python -m research.paper`: only the program of many verbs answers with its help."""
+    ran, alone = [], typer.Typer()
+    alone.command()(lambda: ran.append(True))
+    assert run_app(alone, [], "alone") == 0 and ran
+    assert main([]) == 0 and "Usage" in capsys.readouterr().out
 
 
 def test_the_tables_name_nothing_that_is_gone() -> None:

@@ -111,12 +111,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 
     Args:
-        arguments: without the program's name; None takes them from the process.
+        arguments: without the program's name, none ask for help; None takes them from the process.
 
     Returns:
         The exit status.
     """
-    status = run_app(app, sys.argv[1:] if arguments is None else arguments, "grasptrack")
+    status = run_app(app, (sys.argv[1:] if arguments is None else arguments) or ["--help"], "grasptrack")
     if arguments is None:  # this process has nothing else to do
         end_process(status)
     return status
@@ -127,7 +127,7 @@ def run_app(app: typer.Typer, arguments: Sequence[str], program: str) -> int:
 
     Args:
         app: of the verbs.
-        arguments: without the program's name; none ask for help.
+        arguments: without the program's name.
         program: its name, as in usage lines.
 
     Returns:
@@ -135,7 +135,7 @@ def run_app(app: typer.Typer, arguments: Sequence[str], program: str) -> int:
     """
     with only_our_errors(), signals_as_interrupts() as struck:
         try:
-            status = app(list(arguments) or ["--help"], prog_name=program, standalone_mode=False)
+            status = app(list(arguments), prog_name=program, standalone_mode=False)
             if status == INTERRUPTED:  # so the parser of the command line tells of Ctrl-C
                 raise KeyboardInterrupt
             sys.stdout.flush()
