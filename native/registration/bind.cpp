@@ -9,6 +9,7 @@
 
 #include "../arrays.hpp"
 #include "estimate.hpp"
+#include "repeats.hpp"
 #include "solver.hpp"
 #include "telling.hpp"
 #include "texture.hpp"
