@@ -132,9 +132,8 @@ def wrong_object_probability(
             if estimate.other_shape > 0.0
             else math.log(numbers.same_shape) * (1.0 - estimate.covered)
         )
-    prior = EXCHANGED if state.exchanged else numbers.exchanged
-    # the longer it was not seen the more probably something else was brought
-    prior = min(EXCHANGED, prior + numbers.hazard * state.lost * departure_probability(steps, numbers))
+    # what the last image said stays in mind; the longer it was not seen the more probably something else was brought
+    prior = min(EXCHANGED, max(numbers.exchanged, state.exchanged) + numbers.hazard * state.lost * departure_probability(steps, numbers))
     odds = prior * math.exp(min(MAX_EXPONENT, shape))
     if state.accepted:  # until then an image may show another of its kind, or the same in other light
         odds += other_surface_odds(surface.log_odds, numbers)

@@ -15,8 +15,6 @@ from grasptrack.tracking.state import SHORTEST_STEP, Coasting, TrackState, nothi
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
 
-EXCHANGE_SEEN = 0.7
-"""Share of the outline that shows from which on what shows another shape lies in the place of the object."""
 BLUR_RATE = 0.2
 """Share of a new measurement of the blur: shutters keep their time, hands do not keep their speed."""
 SPREAD_RATE = 0.1
@@ -78,7 +76,7 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     if state.sightings.have_moved(e.contacts, numbers).all():
         state.shown_in += 1
         state.shown = e.visible if state.shown_in == 1 else state.shown + (e.visible - state.shown) / state.shown_in
-    state.exchanged, state.sighted, state.gone = False, None, False
+    state.exchanged, state.sighted, state.gone = 0.0, None, False
     state.slope = math.sqrt(e.P[6, 6] + e.P[7, 7]) / (0.5 * target.size)
     state.located, state.light = state.last, e.light
     if state.plane.learn_view(rigid, e.P):
@@ -121,8 +119,7 @@ def lose(
         on = state.coasting._replace(steps=state.coasting.steps + state.steps)
         state.coasting = None if state.left else on
     state.lost += 1
-    seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > EXCHANGE_SEEN
-    state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
+    state.exchanged += decision.presence * (decision.exchanged - state.exchanged)
     state.velocity, state.elsewhere, state.confirmed = None, 0.0, 0.0
     state.shutter.forget_motion()
     # while something is followed that is more probably the object than another shape or surface, its place is known

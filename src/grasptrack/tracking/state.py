@@ -298,7 +298,7 @@ class TrackState:
         adrift: frames since the background last told how far the camera is, or the object itself.
         gone: since it was located its place was seen without it.
         leaving: the border cut its place when it was lost; left: images in a row since that lies out of view.
-        exchanged: the last image showed something else in its place.
+        exchanged: probability that something else lies in its place, by the last image of a loss that showed what does.
         lookalike: something just like it was seen elsewhere; beside: the same, while it was seen in its place itself.
         equals: (n, 2) work px from the object's middle to those of what is just like it in the first view.
         alias: probability that one of them has been followed since.
@@ -359,7 +359,7 @@ class TrackState:
     gone: bool = False
     leaving: bool = False
     left: int = 0
-    exchanged: bool = False
+    exchanged: float = 0.0
     lookalike: bool = False
     beside: bool = False
     equals: Floats = field(default_factory=lambda: np.empty((0, 2)))
