@@ -344,6 +344,34 @@ def test_surroundings_that_repeat_with_its_equals_do_not_tell_them_apart(step: t
         assert contacts is None or (moved is not None and np.hypot(*(contacts - first - moved).T).max() < 3.0)
 
 
+def printed_belt(moved: float, space: float, ground: np.ndarray, seed: int) -> np.ndarray:
+    """Three plates ahead of the first and eight behind it, `space` px apart on a belt whose grey levels (480, n) move along."""
+    plates = np.zeros((480 * FINER, 640 * FINER), np.uint8)
+    for k in range(-8, 4):
+        corners = PLATE + np.array([265.0 + moved + k * space, 200.0])
+        cv2.fillPoly(plates, [np.rint(corners * FINER).astype(np.int32)], 255)
+    share = cv2.resize(plates, (640, 480), interpolation=cv2.INTER_AREA) / 255.0
+    lying = cv2.warpAffine(ground, np.array([[1.0, 0, moved - 260.0], [0, 1, 0]]), (640, 480))
+    image = cv2.GaussianBlur(60.0 * share + lying * (1.0 - share), (0, 0), 0.8)
+    return np.clip(image + np.random.default_rng(seed).normal(0, 1.2, image.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("space", "step", "contrast"), [(100.0, 23.0, 12.0), (105.0, 23.0, 20.0), (105.0, 25.0, 12.0)])
+def test_what_left_at_the_border_is_not_its_equal_behind_it_whose_neighbours_lie_alike(
+    space: float, step: float, contrast: float
+) -> None:
+    """The first image shows nothing of the parts that come in behind, and of what is left in view the neighbour is most."""
+    ground = cv2.GaussianBlur(np.random.default_rng(5).normal(size=(480, 1600)), (0, 0), 3.0)
+    ground = 170.0 + contrast / ground.std() * ground
+    tracker, first, found = GraspTracker(object_at=(285.0, 230.0)), None, 0
+    for k in range(26):
+        contacts = tracker.update(printed_belt(k * step, space, ground, k)).contacts
+        if contacts is not None:
+            first, found = contacts if first is None else first, found + 1
+            assert np.hypot(*(contacts - first - (k * step, 0.0)).T).max() < 3.0, k
+    assert found > 10
+
+
 @given(
     agreeing=st.floats(0.0, 1.0), more=st.floats(0.0, 1.0), chance=st.floats(0.01, 0.99), places=st.integers(10, 400)
 )

@@ -18,6 +18,8 @@ NO_WITNESS: Floats = np.full(8, np.inf)
 """Variances of what the surface tells where it is not asked."""
 FIRST_POSE_SD = 0.05
 """Work px, of the pose's error in the first image, which defines it."""
+DOUBTED_TEXTURE = 4.0
+"""Grey levels of texture that compression, light and dust make in one image, and another of the same surface need not show."""
 
 
 def estimate_pose(
@@ -111,6 +113,16 @@ def first_state(
     )
     own = estimate_pose(state, levels, Hypothesis("first", target.A, state.P))
     if own is not None:
-        # V / (V + grain) is what a patch of variance V has with itself, (V - grain) / (V + grain) with another look
-        state.usual = [np.clip(2.0 * np.nan_to_num(r) - 1.0, 0.0, 1.0) for r in own.correlation]
+        state.usual = [_expected_correlation(r, target.noise) for r in own.correlation]
     return state
+
+
+def _expected_correlation(own: Floats, noise: float) -> Floats:
+    """(n,) what patches have with another look at them, of what they have with themselves, and noise in grey levels.
+
+    V / (V + grain) is what a patch of variance V has with itself, (V - grain) / (V + grain) with another look. Grain is noise,
+    and what else may be another one in the next image; later images tell whether it was.
+    """
+    own = np.nan_to_num(own)
+    signal = own / np.maximum(1.0 - own, 1e-9) * (noise / max(noise, DOUBTED_TEXTURE)) ** 2
+    return np.asarray(np.clip((signal - 1.0) / (signal + 1.0), 0.0, 1.0), dtype=np.float64)

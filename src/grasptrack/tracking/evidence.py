@@ -37,7 +37,7 @@ MOST_HIDDEN = 0.999
 SUDDEN = math.log(100.0)
 """Odds against light that hides edges from one image to the next."""
 EXCHANGED = 0.1
-"""Prior probability that something else lies in its place, after an image that showed it."""
+"""Prior probability that something else lies in its place, after an image that showed it with more than that."""
 LEAST_AGREEING = 0.05
 """Share of patches that usually agree, below which there is no surface to speak of."""
 STILL_FROM = 1.0
@@ -132,8 +132,9 @@ def wrong_object_probability(
             if estimate.other_shape > 0.0
             else math.log(numbers.same_shape) * (1.0 - estimate.covered)
         )
-    # what the last image said stays in mind; the longer it was not seen the more probably something else was brought
-    prior = min(EXCHANGED, max(numbers.exchanged, state.exchanged) + numbers.hazard * state.lost * departure_probability(steps, numbers))
+    prior = EXCHANGED if state.exchanged > EXCHANGED else numbers.exchanged
+    # the longer it was not seen the more probably something else was brought
+    prior = min(EXCHANGED, prior + numbers.hazard * state.lost * departure_probability(steps, numbers))
     odds = prior * math.exp(min(MAX_EXPONENT, shape))
     if state.accepted:  # until then an image may show another of its kind, or the same in other light
         odds += other_surface_odds(surface.log_odds, numbers)

@@ -10,8 +10,8 @@ import numpy as np
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import PoseFlow, seen_area
 from grasptrack.tracking.evidence import pose_evidence
-from grasptrack.tracking.hypotheses import align_look
-from grasptrack.tracking.pose import SAME_PLACE, Hypothesis, PoseEstimate, is_at, sane_area, share_in_view
+from grasptrack.tracking.hypotheses import MIN_PLACES, WIDER_START
+from grasptrack.tracking.pose import SAME_PLACE, PoseEstimate, is_at, sane_area, share_in_view
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
@@ -81,9 +81,13 @@ def _likeliest_places(state: TrackState, estimates: Sequence[PoseEstimate]) -> l
 
 
 def _laid_at(state: TrackState, levels: list[Grey], G: Floats) -> PoseFlow | None:
-    """The last look's surroundings laid on an image about a pose (3, 3); None where too few of them agree."""
-    Q = state.target.noise_of_motion
-    return align_look(state, state.located, levels, [Hypothesis("background", G, Q)], Q, state.target.ring)
+    """The last look's surroundings laid on an image about a pose (3, 3), however few agree; None where that is impossible."""
+    target, look, Q = state.target, state.located, state.target.noise_of_motion
+    if len(target.ring) < MIN_PLACES:
+        return None
+    wide = Q * WIDER_START
+    found: PoseFlow = target.handle.follow(look.levels, look.G, levels, G, wide, target.ring, target.corner_strides)
+    return found if found.valid and seen_area(found.G, target.outline) > 0.0 else None
 
 
 def _agreement(state: TrackState, found: PoseFlow) -> Agreement:
@@ -96,7 +100,8 @@ def _agreement(state: TrackState, found: PoseFlow) -> Agreement:
 def _chance_agreement(state: TrackState) -> float:
     """Share of the last look's surroundings that agrees with what lies beside them, or about the object's equals."""
     target, look, most = state.target, state.located, 0.0
-    places = [np.array(way) * target.size for way in ASIDE] + list(state.equals)
+    row = [step for e in state.equals for step in (e, -e)]  # it goes on where the first view did not show it
+    places = [np.array(way) * target.size for way in ASIDE] + row
     for x, y in places:
         found = _laid_at(state, look.levels, look.G @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]))
         if found is None:
