@@ -16,6 +16,7 @@ from grasptrack import GraspTracker
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.tracking.estimator import first_state
+from grasptrack.tracking.evidence import EXCHANGED, wrong_object_probability
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.pose import PoseEstimate, largest_sigma
 from grasptrack.tracking.selection import make_target
@@ -155,6 +156,29 @@ def test_the_largest_deviation_is_that_at_which_the_decision_refuses(share: floa
     uncertain["covariance"] = np.tile(sigma**2 * np.eye(2), (len(e.contacts), 1, 1))
     decision = decide_single(state, [cast(PoseEstimate, SimpleNamespace(**uncertain))])
     assert decision.is_accepted == accepted and decision.code == ("" if accepted else "uncertain")
+
+
+def test_what_the_last_image_showed_in_its_place_stays_in_mind_where_it_was_more_than_is_assumed_anyway() -> None:
+    """As of scissors that have opened: whatever half of them fits an image later."""
+    state = begun(L_PLATE)
+    e = seen(state, np.eye(3), drawn(L_PLATE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
+    doubts = []
+    for state.exchanged in (0.0, EXCHANGED, 1.01 * EXCHANGED, 1.0):
+        doubts.append(wrong_object_probability(state, e, 1.0))
+    assert doubts[0] == doubts[1] < 0.01 * doubts[2] and doubts[2] == doubts[3]
+
+
+def test_grain_that_compression_takes_away_is_no_other_surface() -> None:
+    """Its first image keeps what noise it was taken with; the next ones, predicted from it, less and less of that."""
+    case = make_scene_cases([Part(SHAPES["leaf"]())], ["h264"], frames=12, seed=8181)[0]
+    scene = case.scene()
+    contacts, found = chosen_grasp(scene[0].outline), 0
+    tracker = GraspTracker(grasp=contacts)
+    for k in range(12):
+        seen_at = tracker.update(scene[k].image, time=scene[k].time).contacts
+        assert seen_at is None or np.hypot(*(seen_at - scene[k].carry(contacts)).T).max() < 3.0
+        found += seen_at is not None
+    assert found >= 11
 
 
 def test_turns_that_nothing_tells_apart_are_not_believed() -> None:

@@ -108,21 +108,24 @@ def first_state(
         edge_width=target.edge_width,
         blur_share=numbers.blur_share,
         usual=[np.zeros(n) for n in target.counts],
+        certain=[np.zeros(n) for n in target.counts],
         time=time,
         belt=before.belt,
     )
     own = estimate_pose(state, levels, Hypothesis("first", target.A, state.P))
     if own is not None:
-        state.usual = [_expected_correlation(r, target.noise) for r in own.correlation]
+        grain = (target.noise / max(target.noise, DOUBTED_TEXTURE)) ** 2
+        state.usual = [_expected_correlation(r, 1.0) for r in own.correlation]
+        state.certain = [_expected_correlation(r, grain) for r in own.correlation]
     return state
 
 
-def _expected_correlation(own: Floats, noise: float) -> Floats:
-    """(n,) what patches have with another look at them, of what they have with themselves, and noise in grey levels.
+def _expected_correlation(own: Floats, share: float) -> Floats:
+    """(n,) what patches have with another look at them, of what they have with themselves.
 
-    V / (V + grain) is what a patch of variance V has with itself, (V - grain) / (V + grain) with another look. Grain is noise,
-    and what else may be another one in the next image; later images tell whether it was.
+    V / (V + grain) is what a patch of variance V has with itself, (V - grain) / (V + grain) with another look. `share` is what
+    the camera's noise is of the grain that is another one in that look.
     """
     own = np.nan_to_num(own)
-    signal = own / np.maximum(1.0 - own, 1e-9) * (noise / max(noise, DOUBTED_TEXTURE)) ** 2
+    signal = own / np.maximum(1.0 - own, 1e-9) * share
     return np.asarray(np.clip((signal - 1.0) / (signal + 1.0), 0.0, 1.0), dtype=np.float64)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, any_of, decide_pose
 from grasptrack.tracking.estimator import estimate_pose
-from grasptrack.tracking.evidence import other_surface_odds, pose_evidence, surface_evidence
+from grasptrack.tracking.evidence import certain_evidence, other_surface_odds, pose_evidence
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.pose import TURNED, Hypothesis, PoseEstimate, contact_tolerance, max_contact_distance
 from grasptrack.tracking.state import TrackState
@@ -62,8 +62,7 @@ def decide_single(state: TrackState, estimates: list[PoseEstimate]) -> Decision:
     own = decision.estimate
     if own is None:
         return decision
-    surface = surface_evidence(own.correlation, state.usual, state.numbers)
-    odds = other_surface_odds(surface.log_odds, state.numbers)
+    odds = other_surface_odds(certain_evidence(state, own).log_odds, state.numbers)
     other = odds / (1.0 + odds)
     doubt = "other-surface" if other > decision.probability_off else decision.doubt
     off, exchanged = any_of(decision.probability_off, other), any_of(decision.exchanged, other)
