@@ -138,12 +138,10 @@ class Plane(PlaneSolver):
         """What follows from the explanations, the most probable first."""
         self.modes, theta = modes, modes[0].theta
         self._camera_back = self.pixel_to_ray(theta)
-        steps = [theta, *(theta + STEP * np.eye(3))]
-        self._in_view = np.array([self.in_view(t) for t in steps])
+        self._in_view = self.in_view(np.vstack([theta, theta + STEP * np.eye(3)]))
         self.open = self._left_open()
-        self.open_back = np.array([self.pixel_to_ray(each) for each in self.open.thetas])
-        self.open_view = np.array([self.in_view(each) for each in self.open.thetas])
-        maps = np.array([self._rectifying_homography(each) for each in self.open.thetas])
+        self.open_back, self.open_view = self.pixel_to_ray(self.open.thetas), self.in_view(self.open.thetas)
+        maps = self._rectifying_homography(self.open.thetas)
         told = bool(self._views) or not math.isfinite(self._before.freedom)
         self.rectifications = Rectifications(self._rectifying_homography(theta), maps, self.open.weights, told)
 
