@@ -156,58 +156,6 @@ template <std::size_t N> bool invert(const Matrix<N> &a, Matrix<N> &out) {
     return true;
 }
 
-// Solution x of A x = b; false where there is none.
-template <std::size_t N> bool solve(Matrix<N> A, Vector<N> b, Vector<N> &x) {
-    for (std::size_t k = 0; k < N; ++k) {
-        std::size_t best = k;
-        for (std::size_t i = k + 1; i < N; ++i)
-            if (std::abs(A[i * N + k]) > std::abs(A[best * N + k])) best = i;
-        if (!(std::abs(A[best * N + k]) > 0.0)) return false;
-        std::swap_ranges(A.begin() + static_cast<std::ptrdiff_t>(k * N), A.begin() + static_cast<std::ptrdiff_t>(k * N + N),
-                         A.begin() + static_cast<std::ptrdiff_t>(best * N));
-        std::swap(b[k], b[best]);
-        for (std::size_t i = k + 1; i < N; ++i) {
-            const double share = A[i * N + k] / A[k * N + k];
-            for (std::size_t j = k + 1; j < N; ++j) A[i * N + j] -= share * A[k * N + j];
-            b[i] -= share * b[k];
-        }
-    }
-    for (std::size_t i = N; i-- > 0;) {
-        for (std::size_t j = i + 1; j < N; ++j) b[i] -= A[i * N + j] * b[j];
-        b[i] /= A[i * N + i];
-    }
-    x = b;
-    return true;
-}
-
-template <std::size_t N> bool inverse(const Matrix<N> &A, Matrix<N> &out) {
-    for (std::size_t k = 0; k < N; ++k) {
-        Vector<N> one{}, column;
-        one[k] = 1.0;
-        if (!solve<N>(A, one, column)) return false;
-        for (std::size_t i = 0; i < N; ++i) out[i * N + k] = column[i];
-    }
-    return true;
-}
-
-// Values and axes, as columns, of a symmetric matrix, by Jacobi's turns.
-inline void eigen(Matrix<3> A, Vector<3> &values, Matrix<3> &axes) {
-    axes = diagonal<3>(1.0);
-    for (int sweep = 0; sweep < 30; ++sweep)
-        for (std::size_t p = 0; p < 2; ++p)
-            for (std::size_t q = p + 1; q < 3; ++q) {
-                if (!(std::abs(A[p * 3 + q]) > 1e-18 * (std::abs(A[p * 4]) + std::abs(A[q * 4])))) continue;
-                const double half = 0.5 * (A[q * 4] - A[p * 4]) / A[p * 3 + q];
-                const double t = std::copysign(1.0, half) / (std::abs(half) + std::hypot(half, 1.0));
-                const double c = 1.0 / std::hypot(t, 1.0), s = t * c;
-                const auto turn = [c, s](double &x, double &y) { const double a = x; x = c * a - s * y; y = s * a + c * y; };
-                for (std::size_t k = 0; k < 3; ++k) turn(A[k * 3 + p], A[k * 3 + q]);
-                for (std::size_t k = 0; k < 3; ++k) turn(A[p * 3 + k], A[q * 3 + k]), turn(axes[k * 3 + p], axes[k * 3 + q]);
-                A[p * 3 + q] = A[q * 3 + p] = 0.0;
-            }
-    for (std::size_t k = 0; k < 3; ++k) values[k] = A[k * 4];
-}
-
 // Normal equations of the leading M unknowns of N, the others eliminated: whatever these may be is allowed for.
 template <std::size_t M, std::size_t N> void reduce(Matrix<N> a, Vector<N> b, Matrix<M> &lead, Vector<M> &right) {
     for (std::size_t k = N; k-- > M;)

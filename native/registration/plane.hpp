@@ -63,12 +63,11 @@ class PlaneViews {
     PlaneViews(const Target &target, const Numbers &numbers, const Frame &frame, std::vector<Point> hull, const Beforehand &before)
         : target_(target), numbers_(numbers), frame_(frame), hull_(std::move(hull)), before_(before) {
         const Matrix<3> &C = before.scale;
-        Slopes with;
-        bool good = solve<2>({C[4], C[5], C[7], C[8]}, {C[3], C[6]}, with) && inverse<2>({C[4], C[5], C[7], C[8]}, by_slopes_);
+        const bool good = invert<2>(block<3, 2>(C, 1), by_slopes_);
+        const Slopes with = times<2>(by_slopes_, Slopes{C[3], C[6]});
         const double sd = std::sqrt(C[0] - with[0] * C[3] - with[1] * C[6]);
-        good = good && sd > 0.0;
+        if (!good || !(sd > 0.0)) throw std::invalid_argument("the scale is that of no distribution");
         by_focal_ = {1.0 / sd, -with[0] / sd, -with[1] / sd};
-        if (!good) throw std::invalid_argument("the scale is that of no distribution");
     }
 
     // A view that told: its pose, and the covariance of that.
@@ -145,7 +144,7 @@ class PlaneViews {
                 if (!std::isfinite(mode.cost) || std::any_of(bumps.begin(), bumps.end(), same) || !is_seen(mode.theta)) continue;
                 Matrix<2> C = block<3, 2>(mode.covariance, 1), lower, rest, inverted;
                 for (double &value : C) value *= wider;
-                if (!cholesky<2>(C, lower, rest) || !inverse<2>(C, inverted)) continue;
+                if (!cholesky<2>(C, lower, rest) || !invert<2>(C, inverted)) continue;
                 bumps.push_back({{mode.theta[1], mode.theta[2]}, inverted, lower, 1.0 / (lower[0] * lower[3])});
             }
             if (bumps.empty()) continue;
@@ -189,11 +188,9 @@ class PlaneViews {
                 J[k] = {seen.by_theta[k][0], seen.by_theta[k][1], seen.by_theta[k][2], (there[k] - seen.misfit[k]) / aspect_step};
             add_view<4>(sum, seen, J, (freedom + 2.0) / (freedom + seen.far));
         }
-        Vector<4> step;
         Matrix<4> C;
-        const bool finite = std::all_of(sum.A.begin(), sum.A.end(), [](double value) { return std::isfinite(value); });
-        if (!finite || !(sum.A[15] > 0.0) || !solve<4>(sum.A, sum.b, step) || !inverse<4>(sum.A, C)) return frame_.aspect;
-        const double sd = std::sqrt(std::max(C[15], 0.0)), log = std::clamp(std::log(frame_.aspect) + step[3], -most_aspect, most_aspect);
+        if (!invert<4>(sum.A, C)) return frame_.aspect;
+        const double sd = std::sqrt(std::max(C[15], 0.0)), log = std::clamp(std::log(frame_.aspect) + times<4>(C, sum.b)[3], -most_aspect, most_aspect);
         const double gain = 0.5 * std::min(log / sd * (log / sd), 2.0 * most_above);
         const double odds = not_square * root_two_pi * sd / (2.0 * most_aspect) * std::exp(gain);
         return odds > 1.0 && std::abs(log) > square ? std::exp(log) : 1.0;
@@ -296,11 +293,12 @@ class PlaneViews {
         const double stiff = slopes_alone ? held : 0.0;
         Equations<3> here = equations(theta);
         double damping = first_damping;
+        Mode out{};
         for (int step = 0; step < lm_steps && std::isfinite(here.cost); ++step) {
             Matrix<3> A = here.A;
             for (std::size_t i = 0; i < 3; ++i) A[i * 4] += damping * A[i * 4] + (i ? 0.0 : stiff);
-            Theta change;
-            if (!solve<3>(A, here.b, change)) break;
+            if (!invert<3>(A, out.covariance)) break;
+            const Theta change = times<3>(out.covariance, here.b);
             const Theta ahead{theta[0] + change[0], theta[1] + change[1], theta[2] + change[2]};
             const Equations<3> there = equations(ahead);
             if (there.cost < here.cost) {
@@ -311,26 +309,26 @@ class PlaneViews {
                 if (done) break;
             } else if ((damping *= more_damping) > most_damping) break;
         }
-        Mode out{theta, {}, 0.0, here.cost};
         here.A[0] += stiff;
-        if (!inverse<3>(here.A, out.covariance)) out.cost = std::numeric_limits<double>::infinity();
+        out.theta = theta;
+        out.cost = invert<3>(here.A, out.covariance) ? here.cost : std::numeric_limits<double>::infinity();
         return out;
     }
 
     // A covariance, made smaller along axes on which the cost rises sooner than its second derivative says: about a frontal view
     // the equations do not change with the slopes to first order.
     Matrix<3> shrunk(const Mode &mode) const {
-        Theta values;
-        Matrix<3> axes, out{};
-        eigen(mode.covariance, values, axes);
+        const auto [values, axes] = eigen<3>(mode.covariance);
+        Matrix<3> out{};
         for (std::size_t k = 0; k < 3; ++k) {
+            const Theta axis{axes[k], axes[3 + k], axes[6 + k]};
             const auto cost_at = [&](double s) {
-                return equations({mode.theta[0] + s * axes[k], mode.theta[1] + s * axes[3 + k], mode.theta[2] + s * axes[6 + k]}).cost;
+                return equations({mode.theta[0] + s * axis[0], mode.theta[1] + s * axis[1], mode.theta[2] + s * axis[2]}).cost;
             };
             double sd = std::sqrt(std::max(values[k], 0.0));
             while (sd > least_sd && std::isfinite(sd) && cost_at(sd) + cost_at(-sd) - 2.0 * mode.cost > two_sd) sd *= narrower;
             for (std::size_t i = 0; i < 3; ++i)
-                for (std::size_t j = 0; j < 3; ++j) out[i * 3 + j] += axes[i * 3 + k] * sd * sd * axes[j * 3 + k];
+                for (std::size_t j = 0; j < 3; ++j) out[i * 3 + j] += axis[i] * sd * sd * axis[j];
         }
         return out;
     }
