@@ -188,7 +188,7 @@ class Target:
         for beside, r, u in zip(self._patches_beside, correlation, usual, strict=True):
             usually = u > ALIKE
             able += beside @ (usually & np.isfinite(r))
-            alike += beside @ (usually & (np.nan_to_num(r) > ALIKE * u))
+            alike += beside @ (usually & (r > ALIKE * u))  # never where it is NaN
         return np.asarray(alike / np.maximum(able, 1.0), dtype=np.float64)
 
     @cached_property
@@ -219,8 +219,10 @@ class Target:
 
     def _clear_of_occluder(self, places: Floats, away: Floats, visible: Floats) -> Floats:
         hidden = visible <= 0.5
-        hidden &= np.roll(hidden, 1) | np.roll(hidden, -1)  # one sample alone misses its edge by noise
         if not len(places) or not hidden.any():
+            return places
+        hidden &= np.roll(hidden, 1) | np.roll(hidden, -1)  # one sample alone misses its edge by noise
+        if not hidden.any():
             return places
         reach = math.sqrt(2.0) * PATCH * float(self.corner_strides.max())
         return np.ascontiguousarray(places[away[:, hidden].min(axis=1) > reach])
