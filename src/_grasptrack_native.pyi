@@ -248,6 +248,20 @@ def force_closure(contacts: Floats, normals: Floats, cx: float, cy: float, rho: 
         ValueError: fewer than 2 or more than 8 contacts, rho not above 0 or friction below 0.
     """
 
+def carried_angles(maps: Floats, contacts: Floats, normals: Floats, rho: float) -> Floats:
+    """The smallest friction angle with which a grasp closes under each of some homographies.
+
+    Args:
+        maps: (m, 3, 3).
+        contacts, normals, rho: as of `force_closure`.
+
+    Returns:
+        (m,) rad, pi/2 where no friction closes it.
+
+    Raises:
+        ValueError: fewer than 2 or more than 8 contacts, or rho not above 0.
+    """
+
 def opposed_pairs(contacts: Floats, normals: Floats, worth: Floats, group: int, friction: float) -> StablePairs:
     """For every two groups of candidates the best pair whose line lies strictly in both friction cones.
 
