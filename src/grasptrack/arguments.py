@@ -47,28 +47,27 @@ def checked(other: Check | None = None, /, **checks: Check) -> Callable[[Target]
 
 def _with_checks(function: Callable[..., Any], other: Check | None, checks: dict[str, Check]) -> Callable[..., Any]:
     names = list(inspect.signature(function).parameters)
-    by_name = {name: checks.get(name, None if name in ("self", "cls") else other) for name in names}
-    in_order = list(by_name.items())
+    every = [(place, name, checks.get(name, other)) for place, name in enumerate(names) if name not in ("self", "cls")]
+    by_place = [(place, name, check) for place, name, check in every if check is not None]
     unknown = checks.keys() - set(names)
     if unknown:
         raise TypeError(f"{function.__qualname__} has no parameter {', '.join(sorted(unknown))}")
 
     @functools.wraps(function)
     def guarded(*args: Any, **kwargs: Any) -> Any:
-        for (name, check), value in zip(in_order, args):  # noqa: B905  Python itself refuses one too many
-            if check is not None and (wanted := check(value)):
-                raise _refusal(name, wanted, value)
-        for name, value in kwargs.items():
-            check = by_name.get(name)
-            if check is not None and (wanted := check(value)):
-                raise _refusal(name, wanted, value)
+        for place, name, check in by_place:
+            if place < len(args):
+                value = args[place]
+            elif name in kwargs:
+                value = kwargs[name]
+            else:
+                continue
+            wanted = check(value)
+            if wanted:
+                raise InputError(f"{name} must be {wanted}, not {_in_words(value)}", name=name, value=value)
         return function(*args, **kwargs)
 
     return guarded
-
-
-def _refusal(name: str, wanted: str, value: object) -> InputError:
-    return InputError(f"{name} must be {wanted}, not {_in_words(value)}", name=name, value=value)
 
 
 def _in_words(value: object) -> str:
