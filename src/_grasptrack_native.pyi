@@ -27,8 +27,8 @@ from grasptrack.kernels.results import (
     FittedHomography,
     FusedPose,
     MatchWindow,
-    PinholeMisfit,
     PlacedContacts,
+    PlaneViews,
     PolygonMoments,
     Quadrilateral,
     RankedCandidates,
@@ -246,6 +246,20 @@ def force_closure(contacts: Floats, normals: Floats, cx: float, cy: float, rho: 
 
     Raises:
         ValueError: fewer than 2 or more than 8 contacts, rho not above 0 or friction below 0.
+    """
+
+def carried_angles(maps: Floats, contacts: Floats, normals: Floats, rho: float) -> Floats:
+    """The smallest friction angle with which a grasp closes under each of some homographies.
+
+    Args:
+        maps: (m, 3, 3).
+        contacts, normals, rho: as of `force_closure`.
+
+    Returns:
+        (m,) rad, pi/2 where no friction closes it.
+
+    Raises:
+        ValueError: fewer than 2 or more than 8 contacts, or rho not above 0.
     """
 
 def opposed_pairs(contacts: Floats, normals: Floats, worth: Floats, group: int, friction: float) -> StablePairs:
@@ -740,18 +754,49 @@ class PoseTarget:
             Their squared Mahalanobis distance, infinite where they have none; pose and covariance, the first ones then.
         """
 
-    def pinhole(self, G: Floats, theta: Floats, width: float, height: float, aspect: float) -> PinholeMisfit:
-        """How far a pose is from a pinhole's view of a rigid plane.
-
-        Args:
-            G: (3, 3).
-            theta: (3,) the last three of `nuisance` of `solve`.
-            width, height: px of the image.
-            aspect: as of `solve`.
+    def plane_cost(self, views: PlaneViews, theta: Floats) -> tuple[float, Floats, Floats]:
+        """Twice the negative log of the density of theta (3,), given views of a rigid plane, up to a constant.
 
         Returns:
-            (2,) cosine of the angle of the plane's axes and log of the ratio of their lengths, both 0 in such a view, NaN where
-            the camera does not show the reference view; (2, 8) and (2, 3) derivatives by the pose's error and by theta.
+            Infinite where the first view's outline does not lie before the camera; matrix (3, 3) and right side (3,) of the
+            normal equations there.
+
+        Raises:
+            ValueError: an aspect that is not above 0, a scale of no distribution, or poses without covariances.
+        """
+
+    def plane_modes(self, views: PlaneViews, starts: Floats) -> list[tuple[Floats, Floats, float]]:
+        """Up to two explanations of all views, the most probable first, sought from starts (s, 3); none where there is none.
+
+        Near views of a plane have two explanations, one tilted the other way.
+
+        Returns:
+            Of each theta (3,), its covariance (3, 3) and its probability.
+
+        Raises:
+            ValueError: as of `plane_cost`.
+        """
+
+    def open_tilts(self, views: PlaneViews, starts: Floats, nodes: Floats) -> tuple[Floats, Floats]:
+        """What stands for what few views leave open, which no two Gaussians may describe.
+
+        Args:
+            views: that told.
+            starts: (s, 2) slopes from which explanations are sought.
+            nodes: (n, 2) that stand for a Gaussian of mean 0 and covariance 1.
+
+        Returns:
+            (m, 3) theta, the most probable first, and (m,) weights, which add up to 1; none where nothing explains the views.
+
+        Raises:
+            ValueError: as of `plane_cost`.
+        """
+
+    def pixel_aspect(self, views: PlaneViews, theta: Floats) -> float:
+        """Width of a px for each unit of its height, as the views have it; about their explanation theta (3,).
+
+        Raises:
+            ValueError: as of `plane_cost`.
         """
 
 def patch_noise(camera: float, stride: float) -> float:

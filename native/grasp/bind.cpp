@@ -4,6 +4,7 @@
 #include <nanobind/stl/tuple.h>
 
 #include "../arrays.hpp"
+#include "../geometry/homography.hpp"
 #include "closure.hpp"
 #include "contact.hpp"
 #include "fingers.hpp"
@@ -80,6 +81,22 @@ void bind_grasp(nb::module_ &m) {
         const Closure closure = force_closure(vectors(contacts), vectors(normals), count, {cx, cy}, rho, friction);
         return record(closure.epsilon, closure.friction_angle);
     }, "contacts"_a, "normals"_a, "cx"_a, "cy"_a, "rho"_a, "friction"_a);
+    m.def("carried_angles", [](const Input<double, nb::shape<-1, 3, 3>> &maps, const PointArray &contacts, const PointArray &normals, double rho) {
+        const std::size_t count = contacts.shape(0);
+        if (count < 2 || count > max_contacts || normals.shape(0) != count)
+            throw std::invalid_argument("force closure takes 2 to 8 contacts, each with its normal, not " + std::to_string(count));
+        if (!(rho > 0)) throw std::invalid_argument("rho must be above 0, not " + number(rho));
+        Output<> out(maps.shape(0));
+        for (std::size_t k = 0; k < maps.shape(0); ++k) {
+            std::array<CarriedNormal, max_contacts> moved;
+            std::array<Vec, max_contacts> there, across, arms;
+            carry_normals(maps.data() + 9 * k, points_of(contacts), vectors(normals), moved.data());
+            for (std::size_t i = 0; i < count; ++i) there[i] = moved[i].at, across[i] = moved[i].normal;
+            for (std::size_t i = 0; i < count; ++i) arms[i] = (1 / rho) * (there[i] - there[0]);
+            out.values()[k] = friction_angle(there.data(), across.data(), arms.data(), count);
+        }
+        return out.array();
+    }, "maps"_a, "contacts"_a, "normals"_a, "rho"_a);
     m.def("opposed_pairs", [](const PointArray &contacts, const PointArray &normals, const ValueArray &worth,
                               std::int64_t group, double friction) {
         static const Record record("StablePairs");

@@ -2,6 +2,7 @@
 // The pose estimator in Python: a target made once, then a solution for each hypothesis of each image.
 
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <cmath>
@@ -9,6 +10,7 @@
 
 #include "../arrays.hpp"
 #include "estimate.hpp"
+#include "plane.hpp"
 #include "repeats.hpp"
 #include "solver.hpp"
 #include "telling.hpp"
@@ -20,6 +22,8 @@ namespace {
 
 using Doubles = Input<double>;
 using Bytes = ByteImage;
+// Of grasptrack.kernels.results.PlaneViews.
+using SeenViews = std::tuple<Doubles, Doubles, Doubles, double, double, double, Doubles, Doubles, double>;
 
 std::size_t count(const Doubles &array) {
     std::size_t size = 1;
@@ -280,11 +284,50 @@ struct PoseTarget {
         return record(out.distance, copied(out.G.data(), 3, 3), copied(out.P.data(), 8, 8));
     }
 
-    nb::object pinhole(const Doubles &G, const Doubles &theta, double width, double height, double aspect) const {
-        const auto rows = pose::pinhole_rows(target, fixed<9>(G, "G"), fixed<3>(theta, "theta"), frame_of(width, height, aspect));
-        static const Record record("PinholeMisfit");
-        return record(copied(rows.misfit.data(), 2), copied(rows.by_pose[0].data(), 2, 8),
-                      copied(rows.by_camera[0].data(), 2, 3));
+    pose::PlaneViews plane_views(const SeenViews &views) const {
+        const auto &[poses, covariances, hull, width, height, aspect, theta, scale, freedom] = views;
+        const std::size_t n = count(poses) / 9;
+        if (count(poses) != 9 * n || count(covariances) != 64 * n) throw std::invalid_argument("each pose (3, 3) needs its covariance (8, 8)");
+        pose::PlaneViews out(target, numbers, frame_of(width, height, aspect), places(hull, "corners of the hull"),
+                             {fixed<3>(theta, "theta"), fixed<9>(scale, "the scale"), freedom});
+        for (std::size_t k = 0; k < n; ++k) {
+            pose::Homography G;
+            pose::Matrix<8> P;
+            std::copy_n(poses.data() + 9 * k, 9, G.begin());
+            std::copy_n(covariances.data() + 64 * k, 64, P.begin());
+            out.add(G, P);
+        }
+        return out;
+    }
+
+    nb::object plane_cost(const SeenViews &views, const Doubles &theta) const {
+        const auto found = plane_views(views).equations(fixed<3>(theta, "theta"));
+        return nb::make_tuple(found.cost, copied(found.A.data(), 3, 3), copied(found.b.data(), 3));
+    }
+
+    nb::object plane_modes(const SeenViews &views, const Doubles &starts) const {
+        const pose::PlaneViews seen = plane_views(views);
+        std::vector<pose::Theta> from(count(starts) / 3);
+        for (std::size_t k = 0; k < 3 * from.size(); ++k) from[k / 3][k % 3] = starts.data()[k];
+        nb::list out;
+        for (const pose::Mode &mode : seen.modes(from))
+            out.append(nb::make_tuple(copied(mode.theta.data(), 3), copied(mode.covariance.data(), 3, 3), mode.probability));
+        return out;
+    }
+
+    nb::object open_tilts(const SeenViews &views, const Doubles &starts, const Doubles &nodes) const {
+        std::vector<pose::Slopes> from;
+        for (const pose::Point &p : places(starts, "starts")) from.push_back({p.x, p.y});
+        std::vector<double> thetas, weights;
+        for (const pose::OpenTilt &each : plane_views(views).open_tilts(from, places(nodes, "nodes"))) {
+            thetas.insert(thetas.end(), each.theta.begin(), each.theta.end());
+            weights.push_back(each.weight);
+        }
+        return nb::make_tuple(copied(thetas.data(), weights.size(), 3), copied(weights));
+    }
+
+    double pixel_aspect(const SeenViews &views, const Doubles &theta) const {
+        return plane_views(views).pixel_aspect(fixed<3>(theta, "theta"));
     }
 };
 
@@ -367,7 +410,10 @@ void bind_registration(nb::module_ &m) {
         .def("difference", &PoseTarget::difference, "first"_a, "second"_a)
         .def("placed", &PoseTarget::placed, "G"_a, "P"_a)
         .def("joined", &PoseTarget::joined, "G"_a, "P"_a, "other"_a, "Q"_a)
-        .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a, "aspect"_a);
+        .def("plane_cost", &PoseTarget::plane_cost, "views"_a, "theta"_a)
+        .def("plane_modes", &PoseTarget::plane_modes, "views"_a, "starts"_a)
+        .def("open_tilts", &PoseTarget::open_tilts, "views"_a, "starts"_a, "nodes"_a)
+        .def("pixel_aspect", &PoseTarget::pixel_aspect, "views"_a, "theta"_a);
     using Solved = pose::Solution;
     nb::class_<PoseEstimate>(m, "PoseEstimate")
         .def_ro("valid", &Solved::valid)

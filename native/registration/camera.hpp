@@ -14,6 +14,7 @@ namespace grasptrack::pose {
 // What is not known of camera and part: the part's thickness in work px, and theta.
 constexpr std::size_t nuisances = 4;
 using Nuisance = Vector<nuisances>;
+constexpr double pose_step = 0.1, camera_step = 1e-3;  // of the differences that stand for derivatives: work px, and units of theta
 constexpr double most_theta = 1.2;  // of the log of the focal length, and of the normal's slopes: a view beyond it is not believable
 
 using Direction = std::array<double, 3>;
@@ -114,7 +115,6 @@ inline PinholeRows pinhole_rows(const Target &target, const Homography &G, const
     const Pinhole camera(target, theta, frame);
     if (!camera.valid()) return rows;
     rows.misfit = camera.misfit(G);
-    constexpr double pose_step = 0.1, camera_step = 1e-3;
     for (std::size_t i = 0; i < 8; ++i) {
         Vector<8> d{};
         d[i] = pose_step;

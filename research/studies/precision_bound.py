@@ -54,14 +54,24 @@ def pose_information(target: Target, scene: Scene, index: int) -> Floats:
     return np.asarray(rows.T @ rows / (scene.conditions.noise**2 + ROUNDING))
 
 
+def pinhole_rows(target: Target, G: Floats, scene: Scene) -> Floats:
+    """(2, 8) how a pose's error makes axes of a plane that was first seen frontally no longer square, and unlike in length."""
+    ray, step = np.linalg.inv(scene.camera.matrix), 0.1
+
+    def axes(d: Floats) -> Floats:
+        a, b = (ray @ target.handle.moved(G, d) @ np.linalg.inv(target.A))[:, :2].T
+        return np.array([a @ b / math.sqrt((a @ a) * (b @ b)), 0.5 * math.log((a @ a) / (b @ b))])
+
+    return np.column_stack([axes(d) - axes(0.0 * d) for d in step * np.eye(8)]) / step
+
+
 def error_bounds(target: Target, scene: Scene) -> tuple[float, float]:
     """px, the least rms error of a contact: of any homography, and of a pinhole's views of a plane whose camera is known."""
     first, found = np.linalg.inv(pose_information(target, scene, 0)), []
-    theta = np.array([math.log(scene.camera.matrix[0, 0] / scene.camera.width), 0.0, 0.0])
     for index in range(EVERY, len(scene), EVERY):
         G = scene.homography(index) @ target.A
         free = np.linalg.inv(pose_information(target, scene, index)) + first
-        _, rows, _ = target.handle.pinhole(G, theta, scene.camera.width, scene.camera.height, 1.0)
+        rows = pinhole_rows(target, G, scene)
         held = free - free @ rows.T @ np.linalg.inv(rows @ free @ rows.T) @ rows @ free
         J = by_pose(target, G, target.work_contacts)
         found.append([np.mean([np.trace(j @ C @ j.T) for j in J]) for C in (free, held)])

@@ -14,14 +14,18 @@ from grasptrack.kernels.results import (
     AlignmentSteps,
     CurvatureVector,
     MatchWindow,
+    PlaneViews,
     RankedCandidates,
     RankingLimits,
     TraceOptions,
     WrenchSpace,
 )
 
-METHODS = ("hide", "add_texture", "solve", "repeats", "follow", "moved", "difference", "placed", "joined", "pinhole")
 CLASS = "PoseTarget"
+METHODS = (
+    "hide", "add_texture", "solve", "repeats", "follow", "moved", "difference", "placed", "joined",
+    "plane_cost", "plane_modes", "open_tilts", "pixel_aspect",
+)  # fmt: skip
 
 
 def callable_names() -> list[str]:
@@ -98,6 +102,11 @@ def _numbers(s: Scene) -> dict[str, float]:
     return {name: float(s.rng.uniform(0.05, 0.9)) for name in POSE_NUMBERS}
 
 
+def _views(s: Scene) -> PlaneViews:
+    poses, spread = np.array([s.H + s.rng.normal(0, 1e-3, (3, 3)) for _ in range(2)]), np.array([s.covariance(8)] * 2)
+    return PlaneViews(poses, spread, s.outer, 48.0, 40.0, 1.0, np.zeros(3), s.covariance(3), 4.0)
+
+
 Maker = Callable[[Scene], Any]
 SAMPLES = 36
 
@@ -170,8 +179,10 @@ USUAL: dict[str, Maker] = {
     "line": lambda s: reference.grasp_line(s.points, s.offsets, s.points[[0, 4]])[:4],
     "log_prior": lambda s: np.log(np.array([0.5, 0.3, 0.2])),
     "loose": lambda s: 1.2,
+    "maps": lambda s: np.array([s.H, np.eye(3)]),
     "match_spread": lambda s: 0.1,
     "most": lambda s: 5,
+    "nodes": lambda s: s.rng.normal(0, 1, (5, 2)),
     "noise": lambda s: 2.0,
     "normal_noise": lambda s: np.full(SAMPLES, 0.02),
     "normals": lambda s: s.normals,
@@ -217,6 +228,7 @@ USUAL: dict[str, Maker] = {
     "tie": lambda s: 0.05,
     "top": lambda s: 2,
     "usual": lambda s: [np.full(5, 0.8), np.full(3, 0.7)],
+    "views": _views,
     "weights": lambda s: s.rng.random(7),
     "whole": lambda s: 0.0 if s.rng.random() < 0.5 else 80.0,
     "width": lambda s: 5.0,
@@ -232,6 +244,8 @@ def _on_circle(s: Scene) -> np.ndarray:
 
 
 SPECIAL: dict[str, Maker] = {
+    "plane_modes.starts": lambda s: s.rng.uniform(-0.5, 0.5, (2, 3)),
+    "open_tilts.starts": lambda s: s.rng.uniform(-0.5, 0.5, (2, 2)),
     "solve.lag": lambda s: np.full(8, s.rng.choice([0.0, 0.5, np.inf])),
     **{f"{k}.points": lambda s: s.outer for k in ("arc_length", "blend_normals", "curvature_vector", "resample")},
     "select_points.points": lambda s: s.outer,
@@ -249,7 +263,7 @@ SPECIAL: dict[str, Maker] = {
     "opposed_pairs.normals": lambda s: s.normals[: len(s.outer)],
     "closing_triples.contacts": lambda s: s.outer,
     "closing_triples.normals": lambda s: s.normals[: len(s.outer)],
-    "force_closure.normals": lambda s: np.array([[1.0, 0.0], [-1.0, 0.0]]),
+    **{f"{k}.normals": lambda s: np.array([[1.0, 0.0], [-1.0, 0.0]]) for k in ("carried_angles", "force_closure")},
     "finger_clearance.places": lambda s: None if s.rng.random() < 0.5 else s.places(2),
     "strongest_edges.reach": lambda s: 8,
     "PoseTarget.points": _on_circle,

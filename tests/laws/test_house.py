@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 39_805,
-    "src/grasptrack/tracking": 7_173,
+    "src/grasptrack": 39_647,
+    "src/grasptrack/tracking": 6_997,
     "src/grasptrack/servo": 4_874,
     "src/grasptrack/io": 5_397,
     "src/grasptrack/segmentation": 4_087,
@@ -22,9 +22,9 @@ BUDGETS = {
     "src/grasptrack/trackability": 2_028,
     "src/grasptrack/grasp": 1_935,
     "bench": 15_554,
-    "research": 10_511,
-    "native": 6_918,
-    "tests": 41_697,
+    "research": 10_521,
+    "native": 7_356,
+    "tests": 41_840,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 196

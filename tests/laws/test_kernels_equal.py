@@ -87,6 +87,8 @@ def test_grasp_kernels(seed, k):
     contacts = rng.uniform(-1, 1, (k, 2))
     # The bisection's own width is 1e-9 rad.
     same("force_closure", contacts, normals, 0.1, -0.2, 0.7, float(rng.uniform(0, 2)), atol=3e-9)
+    maps = np.eye(3) + rng.normal(0.0, 0.1, (int(rng.integers(0, 4)), 3, 3))
+    same("carried_angles", maps, contacts, normals, 0.7, atol=3e-9)
     four = list(range(4))
     views = rng.uniform(0, 640, (4, 2)), four, rng.uniform(0, 640, (4, 2)), four
     np.testing.assert_allclose(
@@ -130,6 +132,7 @@ def test_both_refuse_the_same():
         ("fit_homography", np.zeros((4, 2)), [0, 1, 2, 3], square, [0, 1, 2, 3]),
         ("fit_homography", square, [0, 1, 2, 4], square, [0, 1, 2, 3]),
         ("force_closure", points[:1], points[:1], 0.0, 0.0, 1.0, 0.5),
+        ("carried_angles", np.eye(3)[None], points[:2], points[:2], 0.0),
         ("force_closure", points[:2], points[:2], 0.0, 0.0, 0.0, 0.5),
         ("force_closure", points[:2], points[:2], 0.0, 0.0, 1.0, -0.5),
         ("search_along_normals", np.zeros((5, 5), np.uint8), points, points, 0.0, 0),

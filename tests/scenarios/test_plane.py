@@ -251,15 +251,12 @@ def test_the_chance_of_closing_is_the_share_of_all_that_is_open() -> None:
     known = Known()
     chi = rng.chisquare(known.prior_freedom, 3000) / known.prior_freedom
     drawn = known.normal_sd * rng.normal(size=(3000, 2)) / np.sqrt(chi)[:, None]
-    maps = [
-        rectifying_homography(np.array([0.0, *d]), CENTRE, WIDTH, HEIGHT)
-        for d in drawn
-        if plane.is_seen(np.array([0.0, *d]))
-    ]
+    thetas = np.column_stack([np.zeros(len(drawn)), drawn])
+    maps = rectifying_homography(thetas[plane.are_seen(thetas)], CENTRE, WIDTH, HEIGHT)
     for friction in (0.2, 0.3, 0.6):
         check, _ = check_of(OUTLINE + shift, CONTACTS + shift, friction)
         told = check.judge_first(plane.rectifications)
-        every = check.judge_first(Rectifications(np.eye(3), np.array(maps), np.full(len(maps), 1.0 / len(maps))))
+        every = check.judge_first(Rectifications(np.eye(3), maps, np.full(len(maps), 1.0 / len(maps))))
         assert told.closes == pytest.approx(every.closes, abs=0.03)
         assert told.margin_sd == pytest.approx(every.margin_sd, rel=0.15)
         assert 0.1 < told.closes < 1.0 and not told.settled
@@ -272,23 +269,6 @@ def test_what_stands_for_a_distribution_has_its_mean_and_covariance(freedom: flo
     assert nodes.T @ nodes / len(nodes) == pytest.approx(np.eye(2), abs=1e-9)
     away = np.hypot(*nodes.T)
     assert away[0] == 0.0 and (np.diff(away[1::AROUND]) > 0.0).all()
-
-
-@given(slopes, st.floats(-0.8, 0.8), st.floats(2.5, 50.0) | st.just(math.inf), st.floats(-0.9, 0.9))
-def test_what_is_known_beforehand_pulls_by_its_own_density(
-    tilt: tuple[float, float], focal: float, freedom: float, together: float
-) -> None:
-    """The right side is half the cost's gradient, and of a Gaussian the matrix half its second derivative."""
-    C = np.array([[0.16, 0.02, 0.0], [0.02, 0.25, 0.1 * together], [0.0, 0.1 * together, 0.09]])
-    before, theta = Beforehand(np.array([0.1, 0.2, -0.1]), C, freedom), np.array([focal, *tilt])
-    cost, A, b = before.prior_cost(theta)
-    steps = 1e-5 * np.eye(3)
-    slope = np.array([before.prior_cost(theta + d)[0] - before.prior_cost(theta - d)[0] for d in steps]) / 4e-5
-    assert b == pytest.approx(-slope, abs=1e-6)
-    if math.isinf(freedom):
-        off = theta - before.theta
-        assert cost == pytest.approx(off @ np.linalg.inv(C) @ off) and np.linalg.inv(C) == pytest.approx(A)
-        assert np.array_equal(before.covariance, C)
 
 
 @given(slopes, slopes, st.floats(-3.0, 3.0))
@@ -407,7 +387,7 @@ def test_one_view_that_is_plainly_wrong_overturns_nothing() -> None:
 
 @given(slopes, st.floats(-1.5, 0.5), st.floats(0.01, 0.6))
 def test_every_explanation_shows_the_whole_outline(tilt: tuple[float, float], focal: float, sd: float) -> None:
-    assume(Plane(Wide(), WIDTH, HEIGHT).is_seen(np.array([focal, *tilt])))  # type: ignore[arg-type]
+    assume(Plane(Wide(), WIDTH, HEIGHT).are_seen(np.array([[focal, *tilt]]))[0])  # type: ignore[arg-type]
     plane = plane_of(Wide(), np.array([focal, *tilt]), sd**2 * np.eye(3))
     _, maps, weights, _ = plane.rectifications
     assert weights.sum() == pytest.approx(1.0)

@@ -132,7 +132,9 @@ class ClosureCheck:
         noise, (_, maps, weights, _) = self._margin_noise_variance(contacts, view, width), self._plane
         if not len(maps):
             return _MarginUncertainty(math.sqrt(noise), 1.0, True)
-        margins = np.array([self._margin_under_homography(each @ self._to_view, contacts) for each in maps])
+        analysis = self._analysis
+        needed = kernels.carried_angles(maps @ self._to_view, contacts, analysis.normals, analysis.rho)
+        margins = math.atan(self._friction) - needed
         closes = sum(
             w * interval_probability(-math.inf, m, noise)
             for m, w in zip(margins.tolist(), weights.tolist(), strict=True)
@@ -159,11 +161,6 @@ class ClosureCheck:
                 most = max(most, abs(self._closure_margin(contacts, changed) - margin))
         across = NORMAL_PX * math.sqrt(2.0) / width
         return most**2 + across**2
-
-    def _margin_under_homography(self, H: Floats, contacts: Floats) -> float:
-        """Margin of contacts of the plane, with their normals, under a homography."""
-        moved = kernels.carry_normals(np.ascontiguousarray(H), contacts, self._analysis.normals)
-        return self._closure_margin(np.ascontiguousarray(moved[:, :2]), np.ascontiguousarray(moved[:, 2:4]))
 
     def _closure_margin(self, contacts: Floats, normals: Floats) -> float:
         """rad; about which point torque is taken is of no account to it."""

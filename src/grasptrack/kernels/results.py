@@ -342,9 +342,25 @@ class RepeatedPatches(NamedTuple):
     still: float
 
 
-class PinholeMisfit(NamedTuple):
-    """(2,) what a pinhole does not let a plane do; (2, 8) its derivatives by the pose, (2, 3) by camera and plane."""
+class PlaneViews(NamedTuple):
+    """What views of a rigid plane tell of its tilt and the focal length, theta, and what is known of these beforehand.
 
-    misfit: Floats
-    by_pose: Floats
-    by_camera: Floats
+    Attributes:
+        poses, covariances: (v, 3, 3) work px to px, (v, 8, 8) of their errors, of views that differ.
+        hull: (n, 2) px of the first view, round the outline.
+        width, height: px of the image.
+        aspect: width of a px for each unit of its height.
+        theta, scale: (3,), (3, 3) the most probable and its covariance: log of the focal length in image widths, and slopes of
+            the first view's normal (theta_1, theta_2, 1).
+        freedom: of the slopes' t distribution, above 2; infinite where they are Gaussian.
+    """
+
+    poses: Floats
+    covariances: Floats
+    hull: Floats
+    width: float
+    height: float
+    aspect: float
+    theta: Floats
+    scale: Floats
+    freedom: float

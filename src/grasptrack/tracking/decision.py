@@ -126,7 +126,7 @@ class Decision:
 
     def with_risk(self, risk: float) -> Decision:
         """The same by another risk."""
-        return replace(self, risk=risk)
+        return self if risk == self.risk else replace(self, risk=risk)
 
     def with_alias(self, probability: float, doubt: str = "lookalike") -> Decision:
         """The same where what was found may be an equal of the object with a probability, or one like it by that doubt."""

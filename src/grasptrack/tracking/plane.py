@@ -53,6 +53,7 @@ class Plane(PlaneSolver):
         far = 1e3 / (self._width + self._height)
         self.steps = STEP * np.array([1.0, 1.0, 1.0 / far, 1.0, 1.0, 1.0 / far, far * 1e-3, far * 1e-3, 1.0])
         self.entries = np.eye(9).reshape(9, 3, 3) * self.steps[:, None, None]
+        self._to_middle = np.array([[1.0, 0.0, 0.5 * self._width], [0.0, 1.0, 0.5 * self._height], [0.0, 0.0, 1.0]])
         self._set_modes(self.modes)
 
     def learn_view(self, G: Floats, P: Floats) -> bool:
@@ -90,7 +91,8 @@ class Plane(PlaneSolver):
         by_focal = by_theta[:, :1] * math.sqrt(float(self.open.weights @ self.open.focal))
         spread = turns @ (by_entry @ covariance @ by_entry.T + by_focal @ by_focal.T) @ turns.T
         # of the explanations: how far the normal of each is turned from the most probable one's
-        seen = _normal_slopes(self.open_back @ homography @ self.open_view)
+        lines = self._open_horizons @ (np.linalg.inv(homography) @ self._to_middle)
+        seen = self._open_focal * lines[:, :2] / lines[:, 2:]
         ahead = (seen @ slopes + 1.0) / math.hypot(1.0, steep)
         aside = np.column_stack([(seen @ u - steep) / math.hypot(1.0, steep), seen @ across])
         far = np.hypot(*aside.T)
@@ -138,12 +140,13 @@ class Plane(PlaneSolver):
         """What follows from the explanations, the most probable first."""
         self.modes, theta = modes, modes[0].theta
         self._camera_back = self.pixel_to_ray(theta)
-        steps = [theta, *(theta + STEP * np.eye(3))]
-        self._in_view = np.array([self.in_view(t) for t in steps])
+        self._in_view = self.in_view(np.vstack([theta, theta + STEP * np.eye(3)]))
         self.open = self._left_open()
-        self.open_back = np.array([self.pixel_to_ray(each) for each in self.open.thetas])
-        self.open_view = np.array([self.in_view(each) for each in self.open.thetas])
-        maps = np.array([self._rectifying_homography(each) for each in self.open.thetas])
+        self.open_back, self.open_view = self.pixel_to_ray(self.open.thetas), self.in_view(self.open.thetas)
+        # of each, a plane's normal is its horizon, seen by a camera: that goes by the inverse of what carries its points
+        self._open_horizons = np.cross(self.open_view[:, :, 0], self.open_view[:, :, 1])
+        self._open_focal = self._width * np.exp(self.open.thetas[:, :1]) * (1.0, self.aspect)
+        maps = self._rectifying_homography(self.open.thetas)
         told = bool(self._views) or not math.isfinite(self._before.freedom)
         self.rectifications = Rectifications(self._rectifying_homography(theta), maps, self.open.weights, told)
 

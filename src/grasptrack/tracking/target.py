@@ -184,23 +184,24 @@ class Target:
 
     def seen_surface(self, correlation: list[Floats], usual: list[Floats]) -> Floats:
         """(k,) 0 to 1: of the patches beside each contact that usually look alike the share that do; 0 where there are none."""
-        alike, able = np.zeros(len(self.work_contacts)), np.zeros(len(self.work_contacts))
-        for beside, r, u in zip(self._patches_beside, correlation, usual, strict=True):
-            usually = u > ALIKE
-            able += beside @ (usually & np.isfinite(r))
-            alike += beside @ (usually & (np.nan_to_num(r) > ALIKE * u))
+        if not correlation:
+            return np.zeros(len(self.work_contacts))
+        r, u = np.concatenate(correlation), np.concatenate(usual)
+        usually = u > ALIKE
+        able = self._patches_beside @ (usually & np.isfinite(r))
+        alike = self._patches_beside @ (usually & (r > ALIKE * u))  # never where it is NaN
         return np.asarray(alike / np.maximum(able, 1.0), dtype=np.float64)
 
     @cached_property
-    def _patches_beside(self) -> list[Floats]:
-        """(k, n) of each of the finest levels: 1 where a patch lies beside a contact."""
+    def _patches_beside(self) -> Floats:
+        """(k, n) of the patches of the finest levels: 1 where one lies beside a contact."""
         found = []
         for (_, places, stride), count in zip(self.recipe.textures, self.counts, strict=False):
             away = np.hypot(*(self.work_contacts[:, None] - places[None]).transpose(2, 0, 1))
             near = away <= 0.5 * FINGER_WIDTH * self.size + PATCH * stride
             # which of them lay within the image, where not all of them did, is not known
             found.append(near.astype(np.float64) if len(places) == count else np.zeros((len(away), count)))
-        return found
+        return np.concatenate(found, axis=1)
 
     def clear_corners(self, visible: Floats) -> Floats:
         """(n, 2) work px, the corners whose coarsest patches hold no sample of the outline that does not show.
@@ -219,8 +220,10 @@ class Target:
 
     def _clear_of_occluder(self, places: Floats, away: Floats, visible: Floats) -> Floats:
         hidden = visible <= 0.5
-        hidden &= np.roll(hidden, 1) | np.roll(hidden, -1)  # one sample alone misses its edge by noise
         if not len(places) or not hidden.any():
+            return places
+        hidden &= np.roll(hidden, 1) | np.roll(hidden, -1)  # one sample alone misses its edge by noise
+        if not hidden.any():
             return places
         reach = math.sqrt(2.0) * PATCH * float(self.corner_strides.max())
         return np.ascontiguousarray(places[away[:, hidden].min(axis=1) > reach])

@@ -70,11 +70,20 @@ KEPT_ROWS = 4
 
 
 class _Moment(NamedTuple):
-    """Of an update: the index of its image, when that was taken, s or None, and when the update began, s."""
+    """Of an update.
+
+    Attributes:
+        frame: index of its image; time: s or None, when that was taken; started: s, when the update began.
+        repeated: the image is that of the update before.
+        sure, probability: as `object_sure` and `object_probability` of a result.
+    """
 
     frame: int
     time: float | None
     started: float
+    repeated: bool
+    sure: bool
+    probability: float
 
 
 class GraspTracker:
@@ -297,15 +306,13 @@ class GraspTracker:
         mask = self._masks.segment(image) if mask is None and self._masks else mask
         grey, self._scene = self._prepare_image(image, mask), None
         repeated = self._is_repeated(np.asarray(image if mask is None else mask))
-        moment = _Moment(self._frame, time, started)
+        moment = _Moment(self._frame, time, started, repeated, self.object_sure, self._object_probability)
         if self._track is None:
             result = self._begin_tracking(moment, masked=mask is not None)  # grasp synthesis, once
         else:
             # contour extraction, grasp transfer, and whether to believe it
             moved = self._track.carrier.move(grey, time)
             result = self._analyzed_result(moment, self._track, moved)
-        result = replace(result, object_sure=self.object_sure, object_probability=self._object_probability)
-        result = replace(result, repeated=True) if repeated else result
         return result if self._lens is None else self._lens.result_seen(result)
 
     def _mind_time(self, time: float) -> None:
@@ -338,6 +345,7 @@ class GraspTracker:
         if self._wish.before is None:
             self.object_sure = masked or wish.is_sure_of(candidate)
             self._object_probability = candidate.probability
+            moment = moment._replace(sure=self.object_sure, probability=self._object_probability)
         grey = self._observer.choose_object(candidate)
         start = start_tracking(first, wish, grey, self._observer, moment.time, before)
         if start.carrier is None or start.grasp is None:
@@ -444,7 +452,9 @@ class GraspTracker:
                 f"{first_width}x{first_height}; all must have one size",
                 shape=grey.shape,
             )
-        self._frame, self._wish = self._frame + 1, replace(self._wish, said=said)
+        if self._frame < 0:
+            self._wish = replace(self._wish, said=said)
+        self._frame += 1
         return grey
 
     def _known_beforehand(self) -> Beforehand:
@@ -583,7 +593,17 @@ def _make_result(moment: _Moment, status: Status, reason: StatusReason | None, *
     else:
         sentence, code, notice = reason.sentence, reason.code, ""
     return TrackResult(
-        moment.frame, moment.time, status, sentence, reason_code=code, notice=notice, latency_ms=latency_ms, **found
+        moment.frame,
+        moment.time,
+        status,
+        sentence,
+        reason_code=code,
+        notice=notice,
+        latency_ms=latency_ms,
+        object_sure=moment.sure,
+        object_probability=moment.probability,
+        repeated=moment.repeated,
+        **found,
     )
 
 

@@ -6,8 +6,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from grasptrack import kernels
 from grasptrack.errors import (
     AmbiguousError,
@@ -99,11 +97,12 @@ def apply(description: GraspLineDescription, view: Outline, prior: Floats | None
     """
     _check_whole(view)
     line, frame = description[:4], (description.area, *description.centroid, description.theta)
-    ahead = _predicted_axis(description, np.eye(3) if prior is None else prior)
+    ahead = _axis(description) if prior is None else _predicted_axis(description, prior)
     found = kernels.carry_grasp_line(view.points, view.offsets, line, frame, ahead)
     _check_axes(found.major, found.minor)
     if prior is None and _is_turned(description, view, found.H):
-        x, y = _predicted_axis(description, found.H)
+        (c, minus_s, _), (s, *_), _ = found.H.tolist()  # a similarity
+        x, y = c * ahead[0] + minus_s * ahead[1], s * ahead[0] + c * ahead[1]
         found = kernels.carry_grasp_line(view.points, view.offsets, line, frame, (-x, -y))
     if not found.residual <= MAX_MISMATCH * math.sqrt(found.area):
         raise CrossingError(
@@ -126,12 +125,18 @@ def _check_axes(major: float, minor: float) -> None:
         )
 
 
+def _axis(description: GraspLineDescription) -> tuple[float, float]:
+    """The unit vector of I_min in the reference view."""
+    return math.cos(description.theta), math.sin(description.theta)
+
+
 def _predicted_axis(description: GraspLineDescription, prior: Floats) -> tuple[float, float]:
     """Where the reference's I_min points in the current view if a predicted homography is right."""
-    if not prior[2] @ (*description.centroid, 1.0):
+    (x, y), (g, h, i) = description.centroid, prior[2].tolist()
+    if not g * x + h * y + i:
         raise ConditioningError("the prior sends the object to infinity")
-    a, b, c, d = homography_jacobian(prior, *description.centroid)
-    ex, ey = math.cos(description.theta), math.sin(description.theta)
+    a, b, c, d = homography_jacobian(prior, x, y)
+    ex, ey = _axis(description)
     return a * ex + b * ey, c * ex + d * ey
 
 
@@ -141,9 +146,9 @@ def _is_turned(description: GraspLineDescription, view: Outline, H: Floats) -> b
     Raises:
         AmbiguousError: they lie alike both ways, and the grasp does not map to itself.
     """
-    turn = math.atan2(H[1, 0], H[0, 0])
+    turn = math.atan2(H.item(1, 0), H.item(0, 0))
     ways = find_alignments(description.view.contours[0], view.contours[0])
-    if len({math.cos(way.angle - turn) < 0.0 for way in ways}) != 1:
+    if len(ways) != 1 and len({math.cos(way.angle - turn) < 0.0 for way in ways}) != 1:
         try:
             ways = [choose_alignment(ways, description.view, view)]
         except AmbiguousError as error:

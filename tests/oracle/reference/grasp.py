@@ -11,8 +11,9 @@ from grasptrack.kernels.results import Closure, StablePairs, StableTriples
 from grasptrack.typing import Floats
 from reference.checks import check_outline, check_size
 from reference.geometry import find_place
+from reference.homography import carry_normals
 
-__all__ = ["closing_triples", "contact_frames", "force_closure", "opposed_pairs"]
+__all__ = ["carried_angles", "closing_triples", "contact_frames", "force_closure", "opposed_pairs"]
 
 
 # --- Normal and flatness of an outline over the width of a finger -----
@@ -173,6 +174,11 @@ def force_closure(contacts: Floats, normals: Floats, cx: float, cy: float, rho: 
     arms = (contacts - (cx, cy)) / rho
     (epsilon,) = _epsilon_qualities(cone_edges(arms, normals, 1.0, friction)[None]).tolist()
     return Closure(epsilon, _friction_angle(contacts, normals, arms))
+
+
+def carried_angles(maps: Floats, contacts: Floats, normals: Floats, rho: float) -> Floats:
+    moved = [carry_normals(H, contacts, normals) for H in maps]
+    return np.array([force_closure(a[:, :2], a[:, 2:4], *a[0, :2], rho, 0.0).friction_angle for a in moved])
 
 
 # --- Triples of contacts that close while all fingers push toward their mean, or all away from it ([14]) -----
