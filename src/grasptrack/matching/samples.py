@@ -154,9 +154,11 @@ def align_pieces(a: Sampled, b: Sampled) -> Floats:
     for angle, share in PIECES:
         depth = b.outer @ np.array([math.cos(angle), math.sin(angle)])
         piece = np.ascontiguousarray(b.outer[depth <= np.quantile(depth, 1.0 - share)])
-        if kernels.polygon_moments(piece, np.array([0, len(piece)], dtype=np.int64)).area > 0.0:
+        try:
             rows.append(kernels.initial_alignments(a.outer, piece, BENDS[:1], COUNT, APART, 4))
-    found = np.concatenate(rows)
+        except ValueError:  # a hair, or a tangle: it encloses nothing
+            continue
+    found = np.concatenate([np.zeros((0, 11)), *rows])
     return np.ascontiguousarray(found[np.argsort(found[:, 0], kind="stable")][:STARTS_CUT, 2:])
 
 

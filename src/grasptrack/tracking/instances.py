@@ -9,7 +9,7 @@ a place; where two explain one, the image must have so much more evidence for on
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -28,7 +28,7 @@ from grasptrack.grasp.force_closure import GraspAnalysis, analyze
 from grasptrack.images import PLAIN, Channel, Grey, to_bgr
 from grasptrack.matching import Sampled, judge_hypotheses, lay_partly, match_outlines
 from grasptrack.presentation import to_dict
-from grasptrack.segmentation.candidate import Candidate
+from grasptrack.segmentation.candidate import Candidate, remove_nested
 from grasptrack.segmentation.first_look import find_candidates
 from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, decide_pose
 from grasptrack.tracking.estimator import first_state
@@ -37,6 +37,7 @@ from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.parts import KnownPart, as_parts
 from grasptrack.tracking.pose import PoseEstimate, contact_tolerance, max_contact_distance
+from grasptrack.tracking.redetection import shape_difference
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import UNKNOWN_PRESENCE, pose_hypothesis, single_estimate
 from grasptrack.tracking.state import TrackState
@@ -147,14 +148,17 @@ def find(
             candidates = find_candidates(colours, said)
         except ObservationError:
             break
-        claims = [claim for kind in kinds for claim in _claims_of(kind, scene, candidates)]
-        new, refused = _settle(claims, settled, numbers.risk)
         beside = [c.view for c in candidates]
-        settled, doubted = settled + new, refused
-        if not new:
+        for ways, among in ((_ways_onto_whole, candidates), (lay_partly, remove_nested(candidates))):
+            claims = [claim for kind in kinds for claim in _claims_of(kind, scene, among, ways)]
+            new, refused = _settle(claims, settled, numbers.risk)
+            settled, doubted = settled + new, doubted + refused
+            if new:
+                break
+        else:
             break
         said = replace(said, hidden=_hide(said.hidden, new, colours.shape))
-    doubted = [claim for claim in doubted if not any(claim.shares_place(other) for other in settled)]
+    _, doubted = _settle(doubted, settled, numbers.risk)
     outlines = [claim.view for claim in settled]
     outlines += [v for v in beside if not any(_overlap(v, o) > SAME_PLACE for o in outlines)]
     answers = [claim.answer(outlines, numbers.risk) for claim in [*settled, *doubted]]
@@ -214,6 +218,9 @@ def _sides_of(part: KnownPart, risk: float) -> list[_Kind]:
 
 # --- what may explain a place ------------------------------------------------------------------------
 
+_Ways = Callable[[Sampled, View], list[Floats]]
+"""Homographies (3, 3) that may lay an outline on one of the image."""
+
 
 class _Claim:
     """A part that may lie somewhere, as exactly as the image tells, and what is decided of that."""
@@ -255,14 +262,14 @@ class _Claim:
         )
 
 
-def _claims_of(kind: _Kind, scene: _Scene, candidates: list[Candidate]) -> list[_Claim]:
+def _claims_of(kind: _Kind, scene: _Scene, candidates: list[Candidate], ways: _Ways) -> list[_Claim]:
     """What a kind may explain of an image: each place once, by the estimates that lie there."""
     claims: list[_Claim] = []
     for candidate in candidates:
         levels, state = scene.levels(candidate.channel), kind.state(candidate.channel)
         estimates = [
             e
-            for H in _ways_onto(kind.outline, candidate.view)
+            for H in ways(kind.outline, candidate.view)
             if (e := single_estimate(state, levels, pose_hypothesis(state.target, "match", H))) is not None
             and SMALLEST**2 <= e.area / state.target.area <= LARGEST**2
         ]
@@ -271,13 +278,12 @@ def _claims_of(kind: _Kind, scene: _Scene, candidates: list[Candidate]) -> list[
     return claims
 
 
-def _ways_onto(outline: Sampled, view: View) -> list[Floats]:
-    """Homographies that lay an outline on one of the image: whole on whole, else most of it on a part of the other."""
-    seen = Sampled(view)
-    told = judge_hypotheses(match_outlines(outline, seen, thorough=False))
-    if told.best is not None:
-        return [m.homography for m in (told.best, *told.others)]
-    return lay_partly(outline, seen)
+def _ways_onto_whole(outline: Sampled, view: View) -> list[Floats]:
+    """Homographies that lay an outline on the whole of one of the image; none where it looks like another one from anywhere."""
+    if not view.is_clipped and not math.isfinite(shape_difference(outline, view.outer.points)):
+        return []
+    told = judge_hypotheses(match_outlines(outline, view, thorough=False))
+    return [] if told.best is None else [m.homography for m in (told.best, *told.others)]
 
 
 def _by_place(state: TrackState, estimates: list[PoseEstimate]) -> list[list[PoseEstimate]]:
