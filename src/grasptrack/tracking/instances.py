@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from grasptrack import arguments, kernels
 from grasptrack.equality import compared_by_value
-from grasptrack.errors import ConditioningError, ContourError, GraspTrackError, ObservationError
+from grasptrack.errors import ConditioningError, ContourError, GraspTrackError
 from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, normalize_homography, rotation_at
@@ -28,8 +28,8 @@ from grasptrack.grasp.force_closure import GraspAnalysis, analyze
 from grasptrack.images import PLAIN, Channel, Grey, to_bgr
 from grasptrack.matching import Sampled, judge_hypotheses, lay_partly, match_outlines
 from grasptrack.presentation import to_dict
-from grasptrack.segmentation.candidate import Candidate, remove_nested
-from grasptrack.segmentation.first_look import find_candidates
+from grasptrack.segmentation.candidate import Candidate
+from grasptrack.segmentation.candidate_search import CandidateSearch
 from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, decide_pose
 from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.evidence import contact_testimony, pose_evidence, texture_evidence
@@ -144,12 +144,9 @@ def find(
     doubted: list[_Claim] = []
     beside: list[View] = []
     for _ in range(MOST_LOOKS):
-        try:
-            candidates = find_candidates(colours, said)
-        except ObservationError:
-            break
+        candidates = CandidateSearch(colours, said, None).every_candidate()
         beside = [c.view for c in candidates]
-        for ways, among in ((_ways_onto_whole, candidates), (lay_partly, remove_nested(candidates))):
+        for ways, among in ((_ways_onto_whole, candidates), (lay_partly, candidates)):
             claims = [claim for kind in kinds for claim in _claims_of(kind, scene, among, ways)]
             new, refused = _settle(claims, settled, numbers.risk)
             settled, doubted = settled + new, doubted + refused
