@@ -51,9 +51,8 @@ SAME_PLACE = 0.5
 OVERLAP_SIDE = 64
 """px, the longer side of the image on which two outlines are laid over each other."""
 SMALLEST, LARGEST = 0.4, 2.5
-"""Scales against the first image between which a part is looked for."""
 """Smallest and largest scale at which a part is looked for."""
-TURNED_OVER, WHICH_PART, SHARED = "turned-over", "which-part", "same-place"
+TURNED_OVER, WHICH_PART = "turned-over", "which-part"
 
 
 @compared_by_value
@@ -263,10 +262,14 @@ def _claims_of(kind: _Kind, scene: _Scene, candidates: list[Candidate], ways: _W
     """What a kind may explain of an image: each place once, by the estimates that lie there."""
     claims: list[_Claim] = []
     for candidate in candidates:
+        try:
+            likely = ways(kind.outline, candidate.view)
+        except ValueError:  # a hair, or a tangle: so few of its points enclose nothing
+            continue
         levels, state = scene.levels(candidate.channel), kind.state(candidate.channel)
         estimates = [
             e
-            for H in ways(kind.outline, candidate.view)
+            for H in likely
             if (e := single_estimate(state, levels, pose_hypothesis(state.target, "match", H))) is not None
             and SMALLEST**2 <= e.area / state.target.area <= LARGEST**2
         ]

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ LONGEST_NAME = 60
 """Characters of a part's name."""
 MOST_GRASPS = 10
 """Grasps that a part has at most."""
+Taught = TypeVar("Taught", bound="KnownPart")
 LEAST_REACH = 1e-9
 """px between a contact and the middle of a grasp, from which on that says where a finger comes from."""
 
@@ -60,7 +61,7 @@ class KnownPart:
     @classmethod
     @arguments.checked(image=arguments.array(unbounded=True), friction=arguments.number)
     def of(
-        cls,
+        cls: type[Taught],
         image: NDArray[Any],
         view: View,
         grasps: Sequence[Grasp],
@@ -69,7 +70,7 @@ class KnownPart:
         friction: float = DEFAULT_FRICTION,
         hand: Hand | None = None,
         px_per_mm: float = math.nan,
-    ) -> Any:
+    ) -> Taught:
         """The part that an outline in an image shows.
 
         Args:
