@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from grasptrack.tracking.instances import Instance
     from grasptrack.tracking.parts import KnownPart
 
-_KIND_RGB = (*CANDIDATE_RGB, style.NEIGHBOUR_RGB, style.CONE_RGB, style.STRATEGY_RGB["homography"])
+_KIND_RGB = (*CANDIDATE_RGB[1:], style.NEIGHBOUR_RGB, style.CONE_RGB, style.STRATEGY_RGB["homography"])
+"""Of parts; the grasp has the colour that is left."""
 _TILE, _TITLE, _COLUMNS = 320, 34, 4
 """px, side of a part's picture and height of its title; and parts in a row."""
 
@@ -41,7 +42,7 @@ def draw_instances(image: NDArray[Any], found: Sequence[Instance]) -> Picture:
     for one in found:
         if one.found and one.contacts is not None:
             colour = _KIND_RGB[names.index(one.part) % len(_KIND_RGB)]
-            canvas.draw_lines([c.points for c in one.view.contours], colour, 1.8, casing=3.4, closed=True)
+            canvas.draw_lines([c.points for c in one.view.contours], colour, 1.3, casing=2.8, closed=True)
             canvas.draw_grasp_line(one.contacts, style.STATUS_RGB["tracked"])
             for contact, seen in zip(one.contacts, one.seen if one.seen is not None else (), strict=True):
                 canvas.draw_contact(contact, style.STATUS_RGB["tracked"], bool(seen >= 0.5))
