@@ -97,7 +97,7 @@ def test_each_part_is_taken_for_itself_and_equals_for_neither() -> None:
     found = gt.find(image, [part(), part("hook", "HOOK")])
     assert sorted((one.part, one.found) for one in found) == [("ell", True), ("hook", True)]
     twins = gt.find(image, [part(), part("twin")])
-    assert [(one.found, one.reason_code) for one in twins if one.contacts is None] == [(False, "which-part")]
+    assert [one.reason_code for one in twins].count("which-part") == 1
     assert not any(one.found for one in twins)
     with pytest.raises(InputError, match="two parts have the name"):
         gt.find(image, [part(), part("ell", "HOOK")])

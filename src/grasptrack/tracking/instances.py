@@ -27,8 +27,9 @@ from grasptrack.geometry.homographies import apply_homography, normalize_homogra
 from grasptrack.grasp.force_closure import GraspAnalysis, analyze
 from grasptrack.images import PLAIN, Channel, Grey, to_bgr
 from grasptrack.matching import Sampled, judge_hypotheses, lay_partly, match_outlines
+from grasptrack.matching.symmetry import TOLERANCE as OWN_TWIN
 from grasptrack.presentation import to_dict
-from grasptrack.segmentation.candidate import Candidate
+from grasptrack.segmentation.candidate import Candidate, is_same_region
 from grasptrack.segmentation.candidate_search import CandidateSearch
 from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, decide_pose
 from grasptrack.tracking.estimator import first_state
@@ -48,6 +49,8 @@ MOST_LOOKS = 6
 """Looks at one image; each after the first at what those before left unexplained."""
 SAME_PLACE = 0.5
 """Share of the lesser of two outlines within the other, from which on they lie in one place."""
+LEAST_SHARE, MOST_TOUCHING = 0.5, 4.0
+"""Areas of parts within which a piece of an outline of the image is looked for: of a covered one, and of some that touch."""
 OVERLAP_SIDE = 64
 """px, the longer side of the image on which two outlines are laid over each other."""
 SMALLEST, LARGEST = 0.4, 2.5
@@ -142,11 +145,14 @@ def find(
     settled: list[_Claim] = []
     doubted: list[_Claim] = []
     beside: list[View] = []
+    tried: dict[_Ways, list[View]] = {_ways_onto_whole: [], _ways_onto_part: []}
     for _ in range(MOST_LOOKS):
         candidates = CandidateSearch(colours, said, None).every_candidate()
         beside = [c.view for c in candidates]
-        for ways, among in ((_ways_onto_whole, candidates), (lay_partly, candidates)):
-            claims = [claim for kind in kinds for claim in _claims_of(kind, scene, among, ways)]
+        for ways, before in tried.items():
+            fresh = [c for c in candidates if not any(is_same_region(c.view, view) for view in before)]
+            before += [c.view for c in fresh]
+            claims = [claim for kind in kinds for claim in _claims_of(kind, scene, fresh, ways)]
             new, refused = _settle(claims, settled, numbers.risk)
             settled, doubted = settled + new, doubted + refused
             if new:
@@ -208,7 +214,7 @@ def _sides_of(part: KnownPart, risk: float) -> list[_Kind]:
     """The side that was taught, and the other one where its outline is another."""
     own, other = _Kind(part, part, False, risk), _Kind(part, part.mirrored(), True, risk)
     alike = judge_hypotheses(match_outlines(other.outline, own.outline, thorough=False)).best
-    flat = alike is not None and alike.misfit <= contact_tolerance(part.view.outer.area, NUMBERS)
+    flat = alike is not None and alike.misfit <= OWN_TWIN * own.outline.size
     return [own] if flat else [own, other]
 
 
@@ -284,6 +290,13 @@ def _ways_onto_whole(outline: Sampled, view: View) -> list[Floats]:
         return []
     told = judge_hypotheses(match_outlines(outline, view, thorough=False))
     return [] if told.best is None else [m.homography for m in (told.best, *told.others)]
+
+
+def _ways_onto_part(outline: Sampled, view: View) -> list[Floats]:
+    """Homographies that lay most of an outline on a part of one of the image, which is large enough for that and not larger
+    than some parts that touch."""
+    share = view.outer.area / outline.size**2
+    return lay_partly(outline, view) if LEAST_SHARE * SMALLEST**2 <= share <= MOST_TOUCHING * LARGEST**2 else []
 
 
 def _by_place(state: TrackState, estimates: list[PoseEstimate]) -> list[list[PoseEstimate]]:
