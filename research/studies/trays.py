@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trays of parts that were taught in another image: how many are found, how exactly, and what is taken for one that is none.
 
-Each tray has 4 to 20 parts of 1 to 5 kinds on a table, each with a surface of its own. Scale, tilt, light and ground differ from
-those of the image in which its kind was taught. Parts lie apart, touch, or cover up to 40 % of one another. Found: the worst
-contact lies within 3 px and 4 % of sqrt(area) of where it truly is, or would be by another turn in which the outline fits itself.
+Each tray has 4 to 20 parts of 1 to 5 kinds on a table, each with a surface of its own. Scale, tilt, light and ground differ
+from those of the image in which its kind was taught. Parts lie apart, touch, or cover up to 40 % of one another. Found: the
+worst contact is off by less than 3 px and 4 % of sqrt(area), or would be by another turn in which the outline fits itself.
 With `--pictures DIR` each tray is written with what was found in it.
 """
 
@@ -36,8 +36,12 @@ from grasptrack_bench.simulation.outlines import inside_polygons
 from grasptrack_bench.simulation.textures import TABLES, TextureMap, adjust_grey_level, another_surface
 from research.studies import common
 
-DEVELOPED = "bracket,spanner,gasket,hook,key,t-plate,hinge,puzzle-piece,notched-plate,hammer-head,bottle-opener,crescent,square"
-KEPT_BACK = "gear,washer,cross,star,arrow,u-clip,ring-wrench,fork,bean,s-blob,leaf,guitar,half-disc,slotted-disc,pencil,bottle"
+DEVELOPED = (
+    "bracket,spanner,gasket,hook,key,t-plate,hinge,puzzle-piece,notched-plate,hammer-head,bottle-opener,crescent,square"
+)
+KEPT_BACK = (
+    "gear,washer,cross,star,arrow,u-clip,ring-wrench,fork,bean,s-blob,leaf,guitar,half-disc,slotted-disc,pencil,bottle"
+)
 TAUGHT, TRAY = Pinhole(640, 480), Pinhole(1280, 960, focal=1800.0)
 LAID = ("apart", "touching", "covered")
 SCALES = 0.45, 2.2
@@ -70,7 +74,7 @@ class Lying(NamedTuple):
     covered: float
 
 
-class Tally(NamedTuple):
+class TrayTally(NamedTuple):
     """What became of some trays: parts in them, those found, errors in px, false answers, kinds mixed up, answers, s."""
 
     parts: int
@@ -201,12 +205,13 @@ def cover_of(shape: Shape, above: Sequence[Shape]) -> float:
 
 def contact_error(answer: Instance, lying: Lying) -> float:
     """px by which the worst contact is off, against the nearest of the turns in which the outline fits itself."""
+    assert answer.contacts is not None
     contacts = apply_homography(np.linalg.inv(lying.kind.H), lying.kind.part.grasps[0].contacts)
     ways = [lying.H @ rotation_about_z(turn) for turn in (0.0, *lying.kind.turns)]
     return min(float(np.hypot(*(apply_homography(H, contacts) - answer.contacts).T).max()) for H in ways)
 
 
-def judge(answers: Sequence[Instance], lying: Sequence[Lying], seconds: float) -> Tally:
+def judge(answers: Sequence[Instance], lying: Sequence[Lying], seconds: float) -> TrayTally:
     """What became of one tray."""
     errors, false, mixed = list[float](), 0, 0
     left = list(lying)
@@ -225,16 +230,18 @@ def judge(answers: Sequence[Instance], lying: Sequence[Lying], seconds: float) -
             np.hypot(*(apply_homography(one.H, np.zeros((1, 2)))[0] - inside)) < 0.5 * math.sqrt(answer.view.outer.area)
             for one in others
         )
-    return Tally(len(lying), errors, false, mixed, sum(not a.found for a in answers), [seconds])
+    return TrayTally(len(lying), errors, false, mixed, sum(not a.found for a in answers), [seconds])
 
 
-def run_tray(names: Sequence[str], laid: str, seed: int, picture: File | None) -> Tally | None:
+def run_tray(names: Sequence[str], laid: str, seed: int, picture: File | None) -> TrayTally | None:
     """A tray drawn and looked at; None where nothing could be taught."""
     rng = np.random.default_rng(seed)
     chosen = rng.choice(names, size=min(len(names), int(rng.integers(1, 6))), replace=False).tolist()
     dark = bool(rng.uniform() < 0.5)
     levels = (rng.uniform(40.0, 75.0, 5) if dark else rng.uniform(165.0, 205.0, 5)).tolist()
-    taught = [(kind, level) for n, level in zip(chosen, levels, strict=False) if (kind := teach(SHAPES[n](), level, seed))]
+    taught = [
+        (kind, level) for n, level in zip(chosen, levels, strict=False) if (kind := teach(SHAPES[n](), level, seed))
+    ]
     if not taught:
         return None
     image, lying = draw_tray([kind for kind, _ in taught], [level for _, level in taught], laid, seed)
@@ -249,13 +256,14 @@ def run_tray(names: Sequence[str], laid: str, seed: int, picture: File | None) -
     return told
 
 
-def add_up(found: Sequence[Tally]) -> Tally:
+def add_up(found: Sequence[TrayTally]) -> TrayTally:
     """What became of several trays."""
-    parts, false, mixed, refused = (sum(t[k] for t in found) for k in (0, 2, 3, 4))
-    return Tally(parts, [e for t in found for e in t.errors], false, mixed, refused, [s for t in found for s in t.seconds])
+    parts, false, mixed = sum(t.parts for t in found), sum(t.false for t in found), sum(t.mixed for t in found)
+    errors, seconds = [e for t in found for e in t.errors], [s for t in found for s in t.seconds]
+    return TrayTally(parts, errors, false, mixed, sum(t.refused for t in found), seconds)
 
 
-def row_of(name: str, told: Tally) -> list[Any]:
+def row_of(name: str, told: TrayTally) -> list[Any]:
     """A row of the table."""
     found, answers = len(told.errors), max(1, len(told.errors) + told.false)
     errors, seconds = np.array(told.errors or [math.nan]), np.array(told.seconds or [math.nan])
@@ -277,7 +285,7 @@ def main() -> None:
     asked = parser.parse_args()
     names = (KEPT_BACK if asked.shapes == "kept-back" else asked.shapes).split(",")
     common.begin_section("Trays of parts that another image taught")
-    rows, every = [], list[Tally]()
+    rows, every = [], list[TrayTally]()
     for laid in asked.laid.split(","):
         seeds = range(asked.first, asked.first + asked.seeds)
         told = [t for seed in seeds if (t := run_tray(names, laid, seed, asked.pictures)) is not None]

@@ -117,13 +117,13 @@ _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "AmbiguousError", "AxesError", "Bounds", "Camera", "Candidate", "ClippedError", "Closing", "Command",
-    "ConditioningError", "Contour", "ContourError", "CrossingError", "Drawing", "Exploration", "Frame", "Gain", "Goal",
-    "Grasp", "GraspAnalysis", "GraspError", "GraspList", "GraspPose", "GraspServo", "GraspTrackError", "GraspTracker",
-    "Hand", "HandEye", "InputError", "Instance", "Length", "Limits", "LiveWire", "LossPolicy", "NominalCamera",
-    "ObservationError", "ParallelLineError", "Part", "PeaksError", "RankedGrasp", "SourceError", "Status", "StrategyChoice", "StrategyError",
-    "StrategyName", "Suitability", "TrackResult", "Transfer", "TransferContext", "TransferError", "View",
-    "__version__", "analyze", "choose_strategy", "draw", "find", "first_look", "inspect", "open_source", "read_camera",
-    "synthesize", "transfer",
+    "ConditioningError", "Contour", "ContourError", "CrossingError", "Drawing", "Exploration", "Frame", "Gain",
+    "Goal", "Grasp", "GraspAnalysis", "GraspError", "GraspList", "GraspPose", "GraspServo", "GraspTrackError",
+    "GraspTracker", "Hand", "HandEye", "InputError", "Instance", "Length", "Limits", "LiveWire", "LossPolicy",
+    "NominalCamera", "ObservationError", "ParallelLineError", "Part", "PeaksError", "RankedGrasp", "SourceError",
+    "Status", "StrategyChoice", "StrategyError", "StrategyName", "Suitability", "TrackResult", "Transfer",
+    "TransferContext", "TransferError", "View", "__version__", "analyze", "choose_strategy", "draw", "find",
+    "first_look", "inspect", "open_source", "read_camera", "synthesize", "transfer",
 ]  # fmt: skip
 
 

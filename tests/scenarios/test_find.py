@@ -39,7 +39,9 @@ def part(name: str = "ell", outline: str = "ELL") -> gt.Part:
 def tray(*placed: tuple[np.ndarray, float, tuple[float, float]]) -> np.ndarray:
     """(H, W) parts on a ground, each turned and at its place."""
     shapes = [turned(outline, angle) for outline, angle, _ in placed]
-    return drawn(*shapes, centres=tuple(at for *_, at in placed), angle=0.0, size=SIZE, contrast=85.0, noise=2.0, seed=3)
+    return drawn(
+        *shapes, centres=tuple(at for *_, at in placed), angle=0.0, size=SIZE, contrast=85.0, noise=2.0, seed=3
+    )
 
 
 THREE = ((ELL, 0.4, (130.0, 120.0)), (ELL, 2.5, (330.0, 330.0)), (ELL, 4.0, (500.0, 130.0)))
@@ -140,7 +142,9 @@ def test_the_verbs_teach_find_and_list(tmp_path: Path, capsys: pytest.CaptureFix
     told = json.loads((out / "instances.json").read_text())
     rows = list(csv.DictReader((out / "instances.csv").open()))
     assert [one["found"] for one in told["instances"]] == [True] * 3 == [row["found"] == "1" for row in rows]
-    assert [float(row["x1"]) for row in rows] == pytest.approx([one["contacts"][0][0] for one in told["instances"]], abs=1e-3)
+    assert [float(row["x1"]) for row in rows] == pytest.approx(
+        [one["contacts"][0][0] for one in told["instances"]], abs=1e-3
+    )
     assert sorted(told["files"]) == sorted(path.name for path in out.iterdir())
     assert main(["parts", str(shelf), "--output", str(out)]) == 0
     assert json.loads((out / "parts.json").read_text())["parts"][0]["size_mm"][0] == pytest.approx(38.5, abs=1.0)

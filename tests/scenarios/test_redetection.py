@@ -24,7 +24,7 @@ from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.surroundings import Agreement
 from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.method import chosen_grasp
-from grasptrack_bench.scenes import Part, make_scene_cases, parts_from_silhouettes
+from grasptrack_bench.scenes import ScenePart, make_scene_cases, parts_from_silhouettes
 from grasptrack_bench.simulation import SHAPES, Path, Scene, Shape
 from grasptrack_bench.simulation.scene import Guest
 from grasptrack_bench.simulation.textures import sample_look
@@ -286,7 +286,7 @@ def test_an_equal_beside_the_object_that_a_hand_covers_is_not_taken_for_it() -> 
 @pytest.mark.parametrize(("repeat", "dark"), [(1, 2), (3, 5), (4, 5)])
 def test_its_surroundings_tell_it_from_its_equals(repeat: int, dark: int, taken: bool) -> None:
     """After dark images, in which the camera went on: on the ground it lay on, and nowhere where it was taken away."""
-    case = make_scene_cases([Part(BRACKET)], ["equals"], repeats=repeat + 1, frames=24 + dark, seed=7)[repeat]
+    case = make_scene_cases([ScenePart(BRACKET)], ["equals"], repeats=repeat + 1, frames=24 + dark, seed=7)[repeat]
     scene, lit = case.scene(), 20 + dark
     scene.guests = (Guest(lit, 1000, None),) if taken else ()
     contacts, found = chosen_grasp(scene[0].outline), []

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -37,7 +36,9 @@ def find(
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="Image in which parts are looked for.")],
     part: Annotated[
         list[str],
-        option(help_groups.OBJECT, "FILE", "Part, or folder of parts, from grasptrack teach; may be repeated.", "--part"),
+        option(
+            help_groups.OBJECT, "FILE", "Part, or folder of parts, from grasptrack teach; may be repeated.", "--part"
+        ),
     ],
     camera: first_image.CameraPath = None,
     ignore: first_image.IgnorePath = None,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack`: the verbs, and the one place where errors become a line and an exit status.
 
-Status 0: done. 2: bad input or usage. 3: every strategy of `transfer` refuses, or `find` finds nothing. 130: Ctrl-C. 1: anything else.
+Status 0: done. 2: bad input or usage. 3: every strategy of `transfer` refuses, or `find` finds nothing. 130: Ctrl-C. 1: else.
 GRASPTRACK_DEBUG=1 shows tracebacks.
 """
 
@@ -20,6 +20,7 @@ from grasptrack.cli.inspect import inspect
 from grasptrack.cli.live import live
 from grasptrack.cli.support import cameras, doctor, models
 from grasptrack.cli.synthesize import synthesize
+from grasptrack.cli.teach import parts, teach
 from grasptrack.cli.terminal import (
     INTERRUPTED,
     RunInterruptedError,
@@ -28,7 +29,6 @@ from grasptrack.cli.terminal import (
     signals_as_interrupts,
     tell_error,
 )
-from grasptrack.cli.teach import parts, teach
 from grasptrack.cli.track import track
 from grasptrack.cli.transfer import transfer
 from grasptrack.errors import GraspTrackError, InputError, ObservationError

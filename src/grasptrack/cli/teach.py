@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,25 +37,22 @@ KEPT = 5
 """Grasps that a part keeps where none is given."""
 
 
+@dataclass(frozen=True)
+class TaughtGrasp(options.GivenGrasp):
+    """The grasp that a part is taught with; at what risk it is found is said when it is looked for."""
+
+    risk: float = 1e-3
+
+
 def teach(
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image that shows the part whole, from above.")],
+    grasp: TaughtGrasp,
     first: first_image.MaskedImage,
     hand: options.HandSize,
-    name: Annotated[str, option(help_groups.OBJECT, "NAME", "Name of the part, up to 60 characters.")],
+    name: Annotated[str, option(help_groups.OUTPUT, "NAME", "Name of the part, up to 60 characters.")],
     output: Annotated[
         Path, option(help_groups.OUTPUT, "FILE", "File of the part; an existing part is replaced.", "--output")
     ],
-    grasp: Annotated[
-        str | None,
-        option(
-            help_groups.GRASP,
-            '"X,Y X,Y ..."',
-            "Contacts in the image, in px; they also select the object.",
-            show_default="synthesized",
-        ),
-    ] = None,
-    fingers: options.TwoOrThree = 2,
-    friction: options.Friction = 0.5,
     quiet: options.Quiet = False,
     max_megapixels: options.MaxMegapixels = None,
 ) -> None:
@@ -70,10 +68,9 @@ def teach(
       grasptrack teach photo.jpg --grasp "193,308 157,99" --name hook --output hook.part
     """
     from grasptrack.files import hold_folder, keep_inputs
-    from grasptrack.grasp.contacts import parse_contacts
     from grasptrack.io.parts import Part
 
-    contacts, size = None if grasp is None else parse_contacts(grasp), hand.make_hand()
+    contacts, fingers, size = grasp.given_contacts(), grasp.finger_count(at_most_three=True), hand.make_hand()
     read = [image, *([] if first.mask is None else [first.mask]), *first.files()]
     keep_inputs([output], read)
     if output.exists():
@@ -83,11 +80,10 @@ def teach(
             raise InputError(f'"{output}" is no part, and would be written over: name another file') from None
     scene = first.read_scene(image, "teach takes one image", contacts)
     try:
-        view, grasps, probability = _view_and_grasps(scene, first.segmenter, (fingers, friction, size), contacts)
+        view, grasps, probability = _view_and_grasps(scene, first.segmenter, (fingers, grasp.friction, size), contacts)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
-    scale = math.nan if hand.scale is None else hand.scale
-    part = Part.of(scene.image, view, grasps, name=name, friction=friction, hand=size, px_per_mm=scale)
+    part = Part.of(scene.image, view, grasps, name=name, friction=grasp.friction, hand=size)
     with hold_folder(output.parent):
         part.save(output)
     if not quiet:

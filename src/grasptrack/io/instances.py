@@ -82,7 +82,15 @@ def write_instances_csv(path: Path, found: Sequence[Instance]) -> None:
             contacts = [] if one.contacts is None else [f"{v:.3f}" for v in one.contacts.ravel().tolist()]
             seen = [] if one.seen is None else [f"{v:.3f}" for v in one.seen.tolist()]
             room = "" if math.isinf(one.room) else f"{one.room:.1f}"
-            cells = [number, one.part, int(one.found), int(one.mirrored), f"{one.confidence:.6f}", f"{one.edge:.3f}", room]
+            cells = [
+                number,
+                one.part,
+                int(one.found),
+                int(one.mirrored),
+                f"{one.confidence:.6f}",
+                f"{one.edge:.3f}",
+                room,
+            ]
             cells += [*contacts, *[""] * (2 * most - len(contacts))]
             rows.writerow([*cells, *seen, *[""] * (most - len(seen)), one.reason_code])
 

@@ -57,11 +57,11 @@ class Part(KnownPart):
         Raises:
             InputError: it cannot be written.
         """
-        file, part = Path(path), _reduced(self, MOST_SIDE / max(self.image.shape[:2]))
-        data = _packed(part)
+        file, part = Path(path), _reduced_part(self, MOST_SIDE / max(self.image.shape[:2]))
+        data = _packed_bytes(part)
         while len(data) > LARGEST_FILE:
-            part = _reduced(part, min(0.9, math.sqrt(0.9 * LARGEST_FILE / len(data))))
-            data = _packed(part)
+            part = _reduced_part(part, min(0.9, math.sqrt(0.9 * LARGEST_FILE / len(data))))
+            data = _packed_bytes(part)
         try:
             with whole_file(file) as beside:
                 beside.write_bytes(data)
@@ -82,14 +82,14 @@ class Part(KnownPart):
         file = Path(path)
         try:
             members = _read_members(file)
-            return _unpacked(cls, members)
+            return _unpacked_part(cls, members)
         except GraspTrackError as error:
             raise InputError(f'part "{file}" {error}', path=str(file)) from None
         except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
             raise InputError(f'part "{file}" is no part that can be read: {error!r}', path=str(file)) from None
 
 
-def _reduced(part: KnownPart, scale: float) -> KnownPart:
+def _reduced_part(part: KnownPart, scale: float) -> KnownPart:
     """The same in a smaller picture; a scale of 1 and more changes nothing."""
     if scale >= 1.0:
         return part
@@ -107,7 +107,7 @@ def _reduced(part: KnownPart, scale: float) -> KnownPart:
     )  # fmt: skip
 
 
-def _packed(part: KnownPart) -> bytes:
+def _packed_bytes(part: KnownPart) -> bytes:
     """The bytes of its file."""
     good, picture = cv2.imencode(".png", part.image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     if not good:
@@ -171,7 +171,7 @@ def _read_members(file: Path) -> dict[str, bytes]:
     return found
 
 
-def _unpacked(cls: type[Part], members: Mapping[str, bytes]) -> Part:
+def _unpacked_part(cls: type[Part], members: Mapping[str, bytes]) -> Part:
     """The part that members tell.
 
     Raises:
@@ -195,7 +195,7 @@ def _unpacked(cls: type[Part], members: Mapping[str, bytes]) -> Part:
         (float(finger["width"]), float(finger["reach"])),
         math.nan if scale is None else float(scale),
     )
-    part.check()
+    part.check_values()
     return part
 
 

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -25,7 +25,7 @@ from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, normalize_homography, rotation_at
 from grasptrack.grasp.force_closure import GraspAnalysis, analyze
-from grasptrack.images import PLAIN, Channel, Grey, to_bgr
+from grasptrack.images import Channel, Grey, to_bgr
 from grasptrack.matching import Sampled, judge_hypotheses, lay_partly, match_outlines
 from grasptrack.matching.symmetry import TOLERANCE as OWN_TWIN
 from grasptrack.presentation import to_dict
@@ -140,7 +140,7 @@ def find(
     colours = to_bgr(image)
     said = FirstImage.of(ignore=ignore).within(colours.shape)
     numbers = NUMBERS.with_risk(risk)
-    scene = _Scene(colours)
+    scene = _Pyramids(colours)
     kinds = [kind for part in as_parts(parts) for kind in _sides_of(part, numbers.risk)]
     settled: list[_Claim] = []
     doubted: list[_Claim] = []
@@ -153,31 +153,33 @@ def find(
             fresh = [c for c in candidates if not any(is_same_region(c.view, view) for view in before)]
             before += [c.view for c in fresh]
             claims = [claim for kind in kinds for claim in _claims_of(kind, scene, fresh, ways)]
-            new, refused = _settle(claims, settled, numbers.risk)
+            new, refused = _settle_claims(claims, settled, numbers.risk)
             settled, doubted = settled + new, doubted + refused
             if new:
                 break
         else:
             break
-        said = replace(said, hidden=_hide(said.hidden, new, colours.shape))
-    _, doubted = _settle(doubted, settled, numbers.risk)
+        said = replace(said, hidden=_hide_found(said.hidden, new, colours.shape))
+    _, doubted = _settle_claims(doubted, settled, numbers.risk)
     outlines = [claim.view for claim in settled]
-    outlines += [v for v in beside if not any(_overlap(v, o) > SAME_PLACE for o in outlines)]
-    answers = [claim.answer(outlines, numbers.risk) for claim in [*settled, *doubted]]
-    return sorted(answers, key=lambda a: (not a.found, not a.mirrored, -min(a.room, 1e6), -a.edge, -a.confidence))
+    outlines += [v for v in beside if not any(_overlap_share(v, o) > SAME_PLACE for o in outlines)]
+    answers = [claim.as_instance(outlines, numbers.risk) for claim in [*settled, *doubted]]
+    return sorted(
+        answers, key=lambda a: (not a.found, not a.mirrored, -min(a.room, a.view.outer.area), -a.edge, -a.confidence)
+    )
 
 
 # --- what is looked for ----------------------------------------------------------------------------
 
 
-class _Scene:
+class _Pyramids:
     """The image, its pyramid made once for each mixture of colours."""
 
     def __init__(self, colours: Pixels) -> None:
         self._colours = colours
         self._levels: dict[Channel, list[Grey]] = {}
 
-    def levels(self, channel: Channel) -> list[Grey]:
+    def levels_in(self, channel: Channel) -> list[Grey]:
         if channel not in self._levels:
             self._levels[channel] = build_pyramid(channel.to_grey(self._colours))
         return self._levels[channel]
@@ -193,7 +195,7 @@ class _Kind:
         self._numbers = replace(numbers, texture_contrast=math.inf) if mirrored else numbers
         self._states: dict[Channel, TrackState] = {}
 
-    def state(self, channel: Channel) -> TrackState:
+    def state_in(self, channel: Channel) -> TrackState:
         """What the estimator knows of it, as this mixture of colours shows it."""
         if channel not in self._states:
             levels = build_pyramid(channel.to_grey(self.taught.image))
@@ -202,7 +204,7 @@ class _Kind:
         return self._states[channel]
 
     @cached_property
-    def analysis(self) -> GraspAnalysis | None:
+    def grasp_analysis(self) -> GraspAnalysis | None:
         """Of the first grasp, in the part's image."""
         try:
             return analyze(self.part.grasps[0], self.part.view, self.part.friction, judged_in="reference")
@@ -212,7 +214,7 @@ class _Kind:
 
 def _sides_of(part: KnownPart, risk: float) -> list[_Kind]:
     """The side that was taught, and the other one where its outline is another."""
-    own, other = _Kind(part, part, False, risk), _Kind(part, part.mirrored(), True, risk)
+    own, other = _Kind(part, part, False, risk), _Kind(part, part.turned_over(), True, risk)
     alike = judge_hypotheses(match_outlines(other.outline, own.outline, thorough=False)).best
     flat = alike is not None and alike.misfit <= OWN_TWIN * own.outline.size
     return [own] if flat else [own, other]
@@ -231,17 +233,17 @@ class _Claim:
         assert decision.estimate is not None
         self.kind, self.channel, self.decision, self.turns = kind, channel, decision, turns
         self.estimate: PoseEstimate = decision.estimate
-        self._state = kind.state(channel)
+        self._state = kind.state_in(channel)
         self.evidence = pose_evidence(self._state, self.estimate)
         self.H = self._state.target.homography(self.estimate.G)
-        self.view = _carried(kind.taught.view, self.H)
+        self.view = _carried_view(kind.taught.view, self.H)
         self.code = decision.code
 
     def shares_place(self, other: _Claim) -> bool:
         """Whether both lie in one place."""
-        return _overlap(self.view, other.view) > SAME_PLACE
+        return _overlap_share(self.view, other.view) > SAME_PLACE
 
-    def answer(self, others: list[View], risk: float) -> Instance:
+    def as_instance(self, others: list[View], risk: float) -> Instance:
         """As it is told, beside other outlines of the image."""
         kind, believed = self.kind, self.code in ("", TURNED_OVER)
         H = normalize_homography(self.H @ kind.part.flip) if kind.mirrored else self.H
@@ -257,14 +259,14 @@ class _Claim:
             contact_testimony(self._state, self.estimate) if believed else None,
             self.estimate.edge_share,
             _finger_room(kind.taught, self.H, beside),
-            kind.analysis if believed else None,
+            kind.grasp_analysis if believed else None,
             self.turns,
             StatusReason(self.code, self.decision.figures).sentence if self.code else "",
             self.code,
         )
 
 
-def _claims_of(kind: _Kind, scene: _Scene, candidates: list[Candidate], ways: _Ways) -> list[_Claim]:
+def _claims_of(kind: _Kind, scene: _Pyramids, candidates: list[Candidate], ways: _Ways) -> list[_Claim]:
     """What a kind may explain of an image: each place once, by the estimates that lie there."""
     claims: list[_Claim] = []
     for candidate in candidates:
@@ -272,7 +274,7 @@ def _claims_of(kind: _Kind, scene: _Scene, candidates: list[Candidate], ways: _W
             likely = ways(kind.outline, candidate.view)
         except ValueError:  # a hair, or a tangle: so few of its points enclose nothing
             continue
-        levels, state = scene.levels(candidate.channel), kind.state(candidate.channel)
+        levels, state = scene.levels_in(candidate.channel), kind.state_in(candidate.channel)
         estimates = [
             e
             for H in likely
@@ -280,7 +282,7 @@ def _claims_of(kind: _Kind, scene: _Scene, candidates: list[Candidate], ways: _W
             and SMALLEST**2 <= e.area / state.target.area <= LARGEST**2
         ]
         for alike in _by_place(state, estimates):
-            claims.append(_decided(kind, candidate.channel, alike))
+            claims.append(_decided_claim(kind, candidate.channel, alike))
     return claims
 
 
@@ -303,8 +305,8 @@ def _by_place(state: TrackState, estimates: list[PoseEstimate]) -> list[list[Pos
     """Estimates of one place together."""
     places: list[tuple[View, list[PoseEstimate]]] = []
     for e in estimates:
-        view = _carried(state.target.view, state.target.homography(e.G))
-        known = next((group for there, group in places if _overlap(view, there) > SAME_PLACE), None)
+        view = _carried_view(state.target.view, state.target.homography(e.G))
+        known = next((group for there, group in places if _overlap_share(view, there) > SAME_PLACE), None)
         if known is None:
             places.append((view, [e]))
         else:
@@ -312,9 +314,9 @@ def _by_place(state: TrackState, estimates: list[PoseEstimate]) -> list[list[Pos
     return [group for _, group in places]
 
 
-def _decided(kind: _Kind, channel: Channel, estimates: list[PoseEstimate]) -> _Claim:
+def _decided_claim(kind: _Kind, channel: Channel, estimates: list[PoseEstimate]) -> _Claim:
     """What is decided of the estimates of one place: of turns between which nothing decides one stands for all."""
-    state = kind.state(channel)
+    state = kind.state_in(channel)
     target, numbers = state.target, state.numbers
     own = max(estimates, key=lambda e: pose_evidence(state, e))
     least = numbers.temper * max(0.0, texture_evidence(state, own)) + math.log(numbers.risk)
@@ -337,9 +339,10 @@ def _decided(kind: _Kind, channel: Channel, estimates: list[PoseEstimate]) -> _C
 # --- which of them is believed ---------------------------------------------------------------------
 
 
-def _settle(claims: list[_Claim], known: list[_Claim], risk: float) -> tuple[list[_Claim], list[_Claim]]:
+def _settle_claims(claims: list[_Claim], known: list[_Claim], risk: float) -> tuple[list[_Claim], list[_Claim]]:
     """Those claims that are believed, each place once, and for each other place the best of those that are not."""
-    settled, refused = [], []
+    settled: list[_Claim] = []
+    refused: list[_Claim] = []
     left = [c for c in sorted(claims, key=lambda c: -c.evidence) if not any(c.shares_place(k) for k in known)]
     while left:
         best, left = left[0], left[1:]
@@ -354,12 +357,12 @@ def _settle(claims: list[_Claim], known: list[_Claim], risk: float) -> tuple[lis
     return settled, [c for c in refused if c.decision.presence > UNKNOWN_PRESENCE]
 
 
-def _carried(view: View, H: Floats) -> View:
+def _carried_view(view: View, H: Floats) -> View:
     """An outline in the image, its points worked out."""
     return View([Contour.trusted(apply_homography(H, c.points), hole=c.hole) for c in view.contours])
 
 
-def _overlap(one: View, other: View) -> float:
+def _overlap_share(one: View, other: View) -> float:
     """Share of the lesser of two outlines' material, holes not counted, that lies within the other."""
     low = np.minimum(one.outer.points.min(axis=0), other.outer.points.min(axis=0))
     high = np.maximum(one.outer.points.max(axis=0), other.outer.points.max(axis=0))
@@ -368,12 +371,12 @@ def _overlap(one: View, other: View) -> float:
     ):
         return 0.0
     scale = OVERLAP_SIDE / max(1.0, float((high - low).max()))
-    masks = [_mask(view, (OVERLAP_SIDE + 1, OVERLAP_SIDE + 1), scale, low) for view in (one, other)]
+    masks = [_material_mask(view, (OVERLAP_SIDE + 1, OVERLAP_SIDE + 1), scale, low) for view in (one, other)]
     areas = [int(np.count_nonzero(mask)) for mask in masks]
     return int(np.count_nonzero(masks[0] & masks[1])) / max(1, min(areas))
 
 
-def _mask(view: View, shape: tuple[int, ...], scale: float = 1.0, low: Floats | float = 0.0) -> Grey:
+def _material_mask(view: View, shape: tuple[int, ...], scale: float = 1.0, low: Floats | float = 0.0) -> Grey:
     """(H, W) 255 on the material of an outline."""
     mask: Grey = np.zeros(shape[:2], np.uint8)
     rings = [np.rint((c.points - low) * scale).astype(np.int32) for c in view.contours]
@@ -382,9 +385,9 @@ def _mask(view: View, shape: tuple[int, ...], scale: float = 1.0, low: Floats | 
     return mask
 
 
-def _hide(hidden: Grey | None, claims: list[_Claim], shape: tuple[int, ...]) -> Grey:
+def _hide_found(hidden: Grey | None, claims: list[_Claim], shape: tuple[int, ...]) -> Grey:
     """(H, W) 255 where nothing is looked for any more: what was hidden, and what is explained."""
-    found = [_mask(View(claim.view.outer), shape) for claim in claims]
+    found = [_material_mask(View(claim.view.outer), shape) for claim in claims]
     return np.asarray(np.maximum.reduce([*found, *([] if hidden is None else [hidden])]), dtype=np.uint8)
 
 

@@ -69,7 +69,6 @@ class KnownPart:
         name: str,
         friction: float = DEFAULT_FRICTION,
         hand: Hand | None = None,
-        px_per_mm: float = math.nan,
     ) -> Taught:
         """The part that an outline in an image shows.
 
@@ -79,8 +78,7 @@ class KnownPart:
             grasps: on it, the one that is to be used first; 1 to 10.
             name: of the part, up to 60 characters that can be seen.
             friction: Coulomb coefficient, above 0: what is told to be stable depends on it.
-            hand: the room that its fingers need; None is the usual hand.
-            px_per_mm: scale of the image, above 0; NaN where it is not known, and no size in mm is told.
+            hand: the room that its fingers need; None is the usual hand. Without its px per mm no size in mm is told.
 
         Raises:
             InputError: a name, grasps, friction or scale that are none; an outline that the image's border cuts.
@@ -97,24 +95,24 @@ class KnownPart:
         part = cls(
             name,
             piece,
-            View([_shifted(c, to_piece) for c in view.contours]),
+            View([_shifted_contour(c, to_piece) for c in view.contours]),
             tuple(Grasp(g.contacts - low, g.quality) for g in grasps),
             tuple(_closing_directions(g) for g in grasps),
             friction,
             (size.finger_width, size.finger_thickness + size.clearance),
-            px_per_mm,
+            math.nan if hand is None or hand.px_per_mm is None else hand.px_per_mm,
         )
-        part.check()
+        part.check_values()
         return part
 
-    def check(self) -> None:
+    def check_values(self) -> None:
         """See that it can be looked for.
 
         Raises:
             InputError: a name, grasps, friction or scale that are none; an outline that is cut, or lies beyond the image.
         """
         name, (height, width) = self.name, self.image.shape[:2]
-        if not (isinstance(name, str) and 0 < len(name.strip()) and len(name) <= LONGEST_NAME and name.isprintable()):
+        if not (isinstance(name, str) and len(name.strip()) > 0 and len(name) <= LONGEST_NAME and name.isprintable()):
             raise InputError(f"a part has a name of 1 to {LONGEST_NAME} characters that can be seen, not {name!r}")
         if not 1 <= len(self.grasps) <= MOST_GRASPS or len(self.grasps) != len(self.directions):
             raise InputError(f"a part has 1 to {MOST_GRASPS} grasps, not {len(self.grasps)}")
@@ -140,7 +138,7 @@ class KnownPart:
         width, height = (np.ptp(self.view.outer.points, axis=0) / self.px_per_mm).tolist()
         return width, height
 
-    def mirrored(self) -> KnownPart:
+    def turned_over(self) -> KnownPart:
         """The same part turned over, its image and all that lies in it flipped from left to right by `flip`."""
         flip = self.flip
         contours = [
@@ -164,7 +162,7 @@ class KnownPart:
         return np.array([[-1.0, 0.0, self.image.shape[1] - 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _shifted(contour: Contour, shift: Floats) -> Contour:
+def _shifted_contour(contour: Contour, shift: Floats) -> Contour:
     return Contour.trusted(
         contour.points + shift[:2, 2], hole=contour.hole, strength=contour.strength, clipped=contour.clipped
     )
