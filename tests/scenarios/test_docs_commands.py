@@ -44,6 +44,9 @@ SHORT: dict[str, dict[str, str]] = {
     "track": {"--no-video": ""},
     "live": {"--start": "", "--until-end": "", "--port": "0"},
     "transfer": {},
+    "teach": {"--output": "taught.part"},
+    "find": {},
+    "parts": {},
     "demo": {"--frames": "2", "--no-video": ""},
     "servo": {"--no-video": "", "--shape": "bracket"},
     "evaluate scenes": {"--shapes": "bracket", "--disturbances": "clean-4dof", "--frames": "2", "--workers": "1"},
@@ -279,6 +282,9 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     silhouette = np.where(frame(0)[..., 0] < 130, 255, 0).astype(np.uint8)
     cv2.imwrite(str(home / "mask.png"), silhouette)
     cv2.imwrite(str(home / "fingers.png"), np.pad(np.full((40, 40), 255, np.uint8), ((440, 0), (600, 0))))
+    cv2.imwrite(str(home / "tray.jpg"), frame(3))
+    taught = ["teach", str(home / "photo.jpg"), "--object", "320,240", "--name", "flange", "--quiet", "--output"]
+    assert main([*taught, str(home / "flange.part")]) == 0
     (home / "shapes").mkdir()
     cv2.imwrite(str(home / "shapes" / "plate-1.png"), silhouette)
     (home / "camera.yaml").write_text(
