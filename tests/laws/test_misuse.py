@@ -106,6 +106,8 @@ CALLS: dict[str, tuple[Callable[..., Any], list[str]]] = {
     "Camera.distort": call(LENS.distort),
     "Camera.undistort": call(LENS.undistort),
     "read_camera": call(gt.read_camera),
+    "Part.load": call(gt.Part.load),
+    "find": call(gt.find, "image", "parts", "risk", "ignore", image=IMAGE, parts=gt.Part.of(IMAGE, VIEW, [GRASP], name="plate")),
     "open_source": (lambda **given: list(gt.open_source(**{"spec": "/no/such", **given})), ["spec", "fps"]),
     "first_look": call(gt.first_look, image=IMAGE),
     "inspect": call(

@@ -103,7 +103,7 @@ def test_each_part_is_taken_for_itself_and_equals_for_neither() -> None:
     assert not any(one.found for one in twins)
     with pytest.raises(InputError, match="two parts have the name"):
         gt.find(image, [part(), part("ell", "HOOK")])
-    with pytest.raises(InputError, match="a part"):
+    with pytest.raises(InputError, match="parts must be a part"):
         gt.find(image, [])
 
 

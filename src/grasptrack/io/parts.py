@@ -12,6 +12,7 @@ import csv
 import io
 import json
 import math
+import os
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
@@ -21,6 +22,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from grasptrack import arguments
 from grasptrack.documents import read_json
 from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.files import whole_file
@@ -48,6 +50,7 @@ STAMP = (1980, 1, 1, 0, 0, 0)
 class Part(KnownPart):
     """A part that can be kept on file: taught once, found tomorrow."""
 
+    @arguments.checked(path=arguments.instance(str, os.PathLike))
     def save(self, path: str | Path) -> None:
         """Write it to one file of at most 300 kB, whole at any moment or absent; of a large part the picture is reduced.
 
@@ -70,6 +73,7 @@ class Part(KnownPart):
             raise InputError(f'part "{file}" cannot be written: {why}', path=str(file)) from None
 
     @classmethod
+    @arguments.checked(path=arguments.instance(str, os.PathLike))
     def load(cls, path: str | Path) -> Part:
         """Read a part that `save` has written, or another program by the same format.
 

@@ -113,7 +113,11 @@ class Instance:
         return to_dict(self)
 
 
-@arguments.checked(image=arguments.array(unbounded=True), risk=arguments.number)
+@arguments.checked(
+    image=arguments.array(unbounded=True),
+    risk=arguments.number,
+    ignore=arguments.optional(arguments.array(unbounded=True)),
+)
 def find(
     image: NDArray[Any],
     parts: KnownPart | Sequence[KnownPart],

@@ -184,7 +184,7 @@ def as_parts(given: KnownPart | ArrayLike | Sequence[KnownPart]) -> list[KnownPa
     """
     listed = [given] if isinstance(given, KnownPart) else list(given) if isinstance(given, Sequence) else []
     if not listed or not all(isinstance(part, KnownPart) for part in listed):
-        raise InputError("a part, or a sequence of some, says what to look for")
+        raise InputError("parts must be a part, or a sequence of some", name="parts", value=given)
     names = [part.name for part in listed if isinstance(part, KnownPart)]
     again = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if again is not None:
