@@ -22,7 +22,7 @@ from grasptrack_bench.simulation.disturbances import DISTURBANCES, is_applicable
 
 
 @dataclass(frozen=True)
-class Part:
+class ScenePart:
     """A part that is put on tables.
 
     Attributes:
@@ -50,7 +50,7 @@ class SceneCase:
         risk: probability below which answers of the tracker may be wrong.
     """
 
-    part: Part
+    part: ScenePart
     disturbance: str
     repeat: int = 0
     frames: int = 100
@@ -75,7 +75,7 @@ class SceneCase:
 
 
 def make_scene_cases(
-    parts: Sequence[Part],
+    parts: Sequence[ScenePart],
     disturbances: Sequence[str],
     *,
     repeats: int = 1,
@@ -117,7 +117,7 @@ def show_scene(scene: Scene, fingers: int = 2, friction: float = 0.5) -> tuple[M
     return start, (MethodFrame(frame.image, frame.time, Truth.of_scene(frame)) for frame in scene)
 
 
-def built_in(names: Sequence[str] = ()) -> list[Part]:
+def built_in(names: Sequence[str] = ()) -> list[ScenePart]:
     """Parts by the names of their outlines; all of them where none is named.
 
     Raises:
@@ -126,10 +126,10 @@ def built_in(names: Sequence[str] = ()) -> list[Part]:
     for name in names:
         if name not in SHAPES:
             raise InputError(f'unknown shape "{name}"; choose from {", ".join(SHAPES)}', name=name)
-    return [Part(SHAPES[name]()) for name in names or SHAPES]
+    return [ScenePart(SHAPES[name]()) for name in names or SHAPES]
 
 
-def parts_from_silhouettes(spec: str | os.PathLike[str]) -> list[Part]:
+def parts_from_silhouettes(spec: str | os.PathLike[str]) -> list[ScenePart]:
     """A part for each image of a folder or pattern: what is not black is material.
 
     Raises:
@@ -139,13 +139,13 @@ def parts_from_silhouettes(spec: str | os.PathLike[str]) -> list[Part]:
     parts = []
     for path in open_masks(spec):
         try:
-            parts.append(Part(shape_from_mask(read_mask(path) > 0, path.stem)))
+            parts.append(ScenePart(shape_from_mask(read_mask(path) > 0, path.stem)))
         except ValueError as error:
             raise InputError(f'"{path}" is no silhouette: {error}', path=str(path)) from error
     return _check_distinct_names(parts, spec)
 
 
-def parts_from_photos(spec: str | os.PathLike[str], masks: str | os.PathLike[str]) -> list[Part]:
+def parts_from_photos(spec: str | os.PathLike[str], masks: str | os.PathLike[str]) -> list[ScenePart]:
     """A part for each photo of a folder or pattern, with the texture that it has there.
 
     Args:
@@ -167,13 +167,13 @@ def parts_from_photos(spec: str | os.PathLike[str], masks: str | os.PathLike[str
         if mask.shape != image.shape[:2]:
             raise InputError(f'mask "{of[path.stem].name}" has another size than its photo', path=str(path))
         try:
-            parts.append(Part(*part_of_photo(image, mask, path.stem)))
+            parts.append(ScenePart(*part_of_photo(image, mask, path.stem)))
         except ValueError as error:
             raise InputError(f'the mask of "{path.name}" shows no object: {error}', path=str(path)) from error
     return _check_distinct_names(parts, spec)
 
 
-def _check_distinct_names(parts: list[Part], spec: object) -> list[Part]:
+def _check_distinct_names(parts: list[ScenePart], spec: object) -> list[ScenePart]:
     names = [part.shape.name for part in parts]
     again = next((name for name in names if names.count(name) > 1), None)
     if again is not None:

@@ -16,7 +16,7 @@ from grasptrack.errors import GraspTrackError
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
 from grasptrack_bench.method import chosen_grasp
-from grasptrack_bench.scenes import Part, SceneCase
+from grasptrack_bench.scenes import SceneCase, ScenePart
 from grasptrack_bench.simulation import SHAPES, SceneFrame
 from research.studies import common
 
@@ -85,7 +85,7 @@ def corrupt_outline(frame: SceneFrame, kind: str, rng: np.random.Generator) -> G
 
 def run_sequence(name: str, kind: str, asked_seed: int, count: int, *, given: bool) -> dict[str, float]:
     """Counts of one sequence."""
-    scene = SceneCase(Part(SHAPES[name]()), "clean-6dof", frames=count, seed=asked_seed).scene()
+    scene = SceneCase(ScenePart(SHAPES[name]()), "clean-6dof", frames=count, seed=asked_seed).scene()
     frames, rng = list(scene), np.random.default_rng((asked_seed, zlib.crc32(f"{name}{kind}".encode())))
     told = dict.fromkeys(("refused", "frames", "given", "wrong", "beside"), 0.0)
     first = corrupt_outline(frames[0], kind, rng)

@@ -14,7 +14,7 @@ from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats
 from grasptrack_bench.method import chosen_grasp
-from grasptrack_bench.scenes import Part, SceneCase
+from grasptrack_bench.scenes import SceneCase, ScenePart
 from grasptrack_bench.simulation import SHAPES, Scene, SceneFrame
 from research.studies import common
 
@@ -101,7 +101,7 @@ def main() -> None:
     for disturbance in asked.disturbances.split(","):
         told = []
         for name in asked.shapes.split(","):
-            scene = SceneCase(Part(SHAPES[name]()), disturbance, frames=asked.frames, seed=asked.seed).scene()
+            scene = SceneCase(ScenePart(SHAPES[name]()), disturbance, frames=asked.frames, seed=asked.seed).scene()
             frames, noise = list(scene), scene.conditions.noise
             contacts = chosen_grasp(frames[0].outline)
             target, off = tracking_error(frames, frames[0].image, contacts)

@@ -16,7 +16,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.typing import Pixels
 from grasptrack.view.draw import draw_overlay
 from grasptrack.view.style import Picture
-from grasptrack_bench.scenes import Part, SceneCase
+from grasptrack_bench.scenes import SceneCase, ScenePart
 from grasptrack_bench.simulation import SHAPES
 from research.studies import common
 
@@ -34,7 +34,7 @@ class Staged(NamedTuple):
 
 def case_of(shape: str, disturbance: str, seed: int, frames: int = FRAMES) -> SceneCase:
     """One sequence of the suite of scenes, small."""
-    return SceneCase(Part(SHAPES[shape]()), disturbance, frames=frames, size=SIZE, seed=seed)
+    return SceneCase(ScenePart(SHAPES[shape]()), disturbance, frames=frames, size=SIZE, seed=seed)
 
 
 def from_suite(shape: str, disturbance: str, seed: int = 5, frames: int = FRAMES, **options: Any) -> Staged:

@@ -14,7 +14,7 @@ import grasptrack as gt
 from grasptrack.undistortion import Undistortion
 from grasptrack_bench.method import MethodStart, score_sequence
 from grasptrack_bench.metrics.score import FrameScore
-from grasptrack_bench.scenes import Part, SceneCase, show_scene
+from grasptrack_bench.scenes import SceneCase, ScenePart, show_scene
 from grasptrack_bench.simulation import SHAPES
 from research.studies import common
 
@@ -29,8 +29,8 @@ def tracker_with(camera: gt.Camera | None, start: MethodStart) -> gt.GraspTracke
 def score_part(task: tuple[str, int]) -> dict[str, list[FrameScore]]:
     """A part's scored frames by method."""
     name, frames = task
-    lens = SceneCase(Part(SHAPES[name]()), "lens", 0, frames).scene()
-    lensless = SceneCase(Part(SHAPES[name]()), "clean-6dof", 0, frames).scene()
+    lens = SceneCase(ScenePart(SHAPES[name]()), "lens", 0, frames).scene()
+    lensless = SceneCase(ScenePart(SHAPES[name]()), "clean-6dof", 0, frames).scene()
     seen = lens.camera
     camera = gt.Camera(seen.matrix, (seen.k1, seen.k2, 0.0, 0.0), size=(seen.width, seen.height))
     found: dict[str, list[FrameScore]] = {}

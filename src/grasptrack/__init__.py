@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from grasptrack.grasp.hand import Hand, Length
     from grasptrack.grasp.synthesis import GraspList, RankedGrasp, synthesize
     from grasptrack.io.calibration import read_camera
+    from grasptrack.io.parts import Part
     from grasptrack.io.sources import Frame, open_source
     from grasptrack.segmentation.candidate import Candidate
     from grasptrack.segmentation.first_look import first_look
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
         NominalCamera,
     )
     from grasptrack.trackability import Suitability, inspect
+    from grasptrack.tracking.instances import Instance, find
     from grasptrack.tracking.result import TrackResult
     from grasptrack.tracking.tracker import GraspTracker
     from grasptrack.transfer import Transfer, transfer
@@ -95,6 +97,7 @@ _HOME = {
     "segmentation.candidate": ("Candidate",),
     "segmentation.first_look": ("first_look",),
     "segmentation.live_wire": ("LiveWire",),
+    "io.parts": ("Part",),
     "io.sources": ("Frame", "open_source"),
     "servo": (
         "Bounds", "Closing", "Command", "Exploration", "Gain", "Goal", "GraspPose", "GraspServo", "HandEye", "Limits",
@@ -102,6 +105,7 @@ _HOME = {
     ),
     "trackability": ("Suitability", "inspect"),
     "grasp.synthesis": ("GraspList", "RankedGrasp", "synthesize"),
+    "tracking.instances": ("Instance", "find"),
     "tracking.result": ("TrackResult",),
     "tracking.tracker": ("GraspTracker",),
     "transfer": ("Transfer", "transfer"),
@@ -113,13 +117,13 @@ _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "AmbiguousError", "AxesError", "Bounds", "Camera", "Candidate", "ClippedError", "Closing", "Command",
-    "ConditioningError", "Contour", "ContourError", "CrossingError", "Drawing", "Exploration", "Frame", "Gain", "Goal",
-    "Grasp", "GraspAnalysis", "GraspError", "GraspList", "GraspPose", "GraspServo", "GraspTrackError", "GraspTracker",
-    "Hand", "HandEye", "InputError", "Length", "Limits", "LiveWire", "LossPolicy", "NominalCamera", "ObservationError",
-    "ParallelLineError", "PeaksError", "RankedGrasp", "SourceError", "Status", "StrategyChoice", "StrategyError",
-    "StrategyName", "Suitability", "TrackResult", "Transfer", "TransferContext", "TransferError", "View",
-    "__version__", "analyze", "choose_strategy", "draw", "first_look", "inspect", "open_source", "read_camera",
-    "synthesize", "transfer",
+    "ConditioningError", "Contour", "ContourError", "CrossingError", "Drawing", "Exploration", "Frame", "Gain",
+    "Goal", "Grasp", "GraspAnalysis", "GraspError", "GraspList", "GraspPose", "GraspServo", "GraspTrackError",
+    "GraspTracker", "Hand", "HandEye", "InputError", "Instance", "Length", "Limits", "LiveWire", "LossPolicy",
+    "NominalCamera", "ObservationError", "ParallelLineError", "Part", "PeaksError", "RankedGrasp", "SourceError",
+    "Status", "StrategyChoice", "StrategyError", "StrategyName", "Suitability", "TrackResult", "Transfer",
+    "TransferContext", "TransferError", "View", "__version__", "analyze", "choose_strategy", "draw", "find",
+    "first_look", "inspect", "open_source", "read_camera", "synthesize", "transfer",
 ]  # fmt: skip
 
 

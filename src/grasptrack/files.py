@@ -39,7 +39,8 @@ def is_full_disk(error: OSError) -> bool:
 
 OUTPUTS = frozenset(
     {"run.json", "grasps.csv", "overlay.mp4", "summary.png", "candidates.png", "grasps.json", "grasps.png"}
-    | {"inspect.json", "inspect.png", "transfer.json", "transfer.png"}
+    | {"inspect.json", "inspect.png", "transfer.json", "transfer.png", "parts.json", "parts.png"}
+    | {"instances.json", "instances.csv", "instances.png"}
 )
 """Names that verbs give what they write; each JSON file tells which of them were written with it."""
 

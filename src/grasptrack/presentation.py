@@ -32,6 +32,8 @@ REMEDIES = {
     "not-flat": "choose contacts on the outline of its top (--grasp), and start with the most frontal image",
     "not-pinhole": "say how wide a pixel is for its height (--pixel-aspect), or give a calibration (--camera)",
     "tilt-open": "let the camera tilt by ten degrees once, so that views differ",
+    "turned-over": "turn it over, or teach that side as a part of its own",
+    "which-part": "look for one of them at a time, or print on one what tells them apart",
     "not-closing": "choose contacts that face each other (--grasp), or let another grasp be chosen: --resynthesize",
     "open-margin": "let the camera look at the object from another side, or choose a grasp with more margin",
     "slips": "come nearer: contacts become surer",

@@ -35,8 +35,8 @@ COMMAND = "tests/helpers/written_pages.py"
 WRITTEN = f"<!-- Written by {COMMAND}: change the code, then run it. -->"
 
 VERBS = (
-    "track", "live", "demo", "synthesize", "inspect", "transfer", "servo", "evaluate scenes", "evaluate real",
-    "evaluate pot", "compare", "cameras", "models", "models get", "doctor",
+    "track", "live", "demo", "synthesize", "inspect", "transfer", "teach", "find", "parts", "servo",
+    "evaluate scenes", "evaluate real", "evaluate pot", "compare", "cameras", "models", "models get", "doctor",
 )  # fmt: skip
 CLI_HEAD = f"""# Command line
 

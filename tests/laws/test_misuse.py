@@ -19,6 +19,7 @@ IMAGE = photo([(SHAPES["bracket"](), pose())])
 RESULT = gt.GraspTracker().update(IMAGE)
 VIEW: Any = RESULT.view
 GRASP = gt.synthesize(VIEW)[0]
+PART = gt.Part.of(IMAGE, VIEW, [GRASP], name="plate")
 K = np.array([[350.0, 0.0, 160.0], [0.0, 350.0, 120.0], [0.0, 0.0, 1.0]])
 LENS = gt.Camera(K, (0.1, 0.0, 0.0, 0.0), size=(320, 240))
 GOAL = gt.Goal.taught(RESULT)
@@ -106,6 +107,8 @@ CALLS: dict[str, tuple[Callable[..., Any], list[str]]] = {
     "Camera.distort": call(LENS.distort),
     "Camera.undistort": call(LENS.undistort),
     "read_camera": call(gt.read_camera),
+    "Part.load": call(gt.Part.load),
+    "find": call(gt.find, "image", "parts", "risk", "ignore", image=IMAGE, parts=PART),
     "open_source": (lambda **given: list(gt.open_source(**{"spec": "/no/such", **given})), ["spec", "fps"]),
     "first_look": call(gt.first_look, image=IMAGE),
     "inspect": call(

@@ -114,8 +114,9 @@ def test_an_option_is_in_one_place_and_form_in_all_verbs() -> None:
         for option in options(verb):
             forms.setdefault(long_name(option), set()).add((option.metavar, option.rich_help_panel))
     assert {(a, b) for a, b in before if (b, a) in before} == set()
-    # `compare` writes a page, masks of `evaluate scenes` are those of photos that make parts, and `live` starts at once.
-    two = {"--output", "--masks", "--start"}
+    # `compare` writes a page, `teach` a file; masks of `evaluate scenes` are those of photos that make parts; `live` starts at
+    # once, and its name is that of the page.
+    two = {"--output", "--masks", "--start", "--name"}
     assert {name for name, found in forms.items() if len(found) > 1} <= two
 
 
@@ -163,4 +164,4 @@ def test_what_verbs_write_goes_to_one_folder() -> None:
     given = {v: {long_name(o): o.default for o in options(v)}.get("--output") for v in VERBS}
     writers = {verb: output for verb, output in given.items() if output is not None}
     assert writers == {verb: Path("grasptrack-out") / verb.replace(" ", "-") for verb in writers}
-    assert set(given) - set(writers) == {"compare", "cameras", "doctor", "models", "models get"}
+    assert set(given) - set(writers) == {"compare", "cameras", "doctor", "models", "models get", "teach"}

@@ -44,6 +44,9 @@ SHORT: dict[str, dict[str, str]] = {
     "track": {"--no-video": ""},
     "live": {"--start": "", "--until-end": "", "--port": "0"},
     "transfer": {},
+    "teach": {"--output": "taught.part"},
+    "find": {"--part": "flange.part"},
+    "parts": {},
     "demo": {"--frames": "2", "--no-video": ""},
     "servo": {"--no-video": "", "--shape": "bracket"},
     "evaluate scenes": {"--shapes": "bracket", "--disturbances": "clean-4dof", "--frames": "2", "--workers": "1"},
@@ -82,6 +85,8 @@ ELSEWHERE = {
     "python tests/helpers/setup_errors.py": "tests/slow/test_servo_setups.py runs all of it",
     "python tests/helpers/written_pages.py": "writes files of the repository; tests/scenarios/test_docs.py compares them",
     "python tests/helpers/frozen.py": "tests/slow/test_golden.py runs it",
+    "grasptrack teach IMAGE '[options]'": "a synopsis: --name and --output have no default",
+    "grasptrack find IMAGE '[options]'": "a synopsis: --part has no default",
     "python3 -m venv fresh": ".ci/run makes one",
     "fresh/bin/pip install .": ".ci/run builds a wheel and installs it",
 }
@@ -279,6 +284,17 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     silhouette = np.where(frame(0)[..., 0] < 130, 255, 0).astype(np.uint8)
     cv2.imwrite(str(home / "mask.png"), silhouette)
     cv2.imwrite(str(home / "fingers.png"), np.pad(np.full((40, 40), 255, np.uint8), ((440, 0), (600, 0))))
+    cv2.imwrite(str(home / "tray.jpg"), frame(3))
+    taught = ["teach", str(home / "photo.jpg"), "--object", "320,240", "--name", "flange", "--quiet", "--output"]
+    assert main([*taught, str(home / "flange.part")]) == 0
+    (home / "shelf").mkdir()
+    for place in ("shelf", "videos"):
+        shutil.copy(home / "flange.part", home / place)
+    hook = np.full((240, 320, 3), 210, np.uint8)
+    cv2.fillPoly(hook, [np.array([[60, 60], [250, 70], [240, 180], [200, 180], [200, 110], [60, 100]])], (50, 50, 50))
+    cv2.imwrite(str(home / "hook.png"), cv2.GaussianBlur(hook, (0, 0), 0.8))
+    taught = ["teach", str(home / "hook.png"), "--name", "hook", "--quiet", "--output", str(home / "hook.part")]
+    assert main(taught) == 0
     (home / "shapes").mkdir()
     cv2.imwrite(str(home / "shapes" / "plate-1.png"), silhouette)
     (home / "camera.yaml").write_text(

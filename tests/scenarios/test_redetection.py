@@ -25,7 +25,7 @@ from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.surroundings import Agreement
 from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.method import chosen_grasp
-from grasptrack_bench.scenes import Part, make_scene_cases, parts_from_silhouettes
+from grasptrack_bench.scenes import ScenePart, make_scene_cases, parts_from_silhouettes
 from grasptrack_bench.simulation import SHAPES, Path, Scene, Shape
 from grasptrack_bench.simulation.scene import Guest
 from grasptrack_bench.simulation.textures import sample_look
@@ -170,7 +170,7 @@ def test_what_the_last_image_showed_in_its_place_stays_in_mind_where_it_was_more
 
 def test_grain_that_compression_takes_away_is_no_other_surface() -> None:
     """Its first image keeps what noise it was taken with; the next ones, predicted from it, less and less of that."""
-    case = make_scene_cases([Part(SHAPES["leaf"]())], ["h264"], frames=12, seed=8181)[0]
+    case = make_scene_cases([ScenePart(SHAPES["leaf"]())], ["h264"], frames=12, seed=8181)[0]
     scene = case.scene()
     contacts, found = chosen_grasp(scene[0].outline), 0
     tracker = GraspTracker(grasp=contacts)
@@ -310,7 +310,7 @@ def test_an_equal_beside_the_object_that_a_hand_covers_is_not_taken_for_it() -> 
 @pytest.mark.parametrize(("repeat", "dark"), [(1, 2), (3, 5), (4, 5)])
 def test_its_surroundings_tell_it_from_its_equals(repeat: int, dark: int, taken: bool) -> None:
     """After dark images, in which the camera went on: on the ground it lay on, and nowhere where it was taken away."""
-    case = make_scene_cases([Part(BRACKET)], ["equals"], repeats=repeat + 1, frames=24 + dark, seed=7)[repeat]
+    case = make_scene_cases([ScenePart(BRACKET)], ["equals"], repeats=repeat + 1, frames=24 + dark, seed=7)[repeat]
     scene, lit = case.scene(), 20 + dark
     scene.guests = (Guest(lit, 1000, None),) if taken else ()
     contacts, found = chosen_grasp(scene[0].outline), []

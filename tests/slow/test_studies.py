@@ -49,6 +49,7 @@ SMALLEST = {
     "synthesis": "--silhouettes DATA/tools/masks --friction 0.3",
     "thickness": "--parts bracket --thick 0.02 --workers 1",
     "trackability": "--parts bracket --disturbances clean-4dof --frames 12",
+    "trays": "--seeds 1 --laid apart --pictures DATA/trays",
     "transfers": "--pairs 12 --points 60",
     "undistortion": "--frames 4 --shapes bracket --workers 1",
 }

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack`: the verbs, and the one place where errors become a line and an exit status.
 
-Status 0: done. 2: bad input or usage. 3: every strategy of `transfer` refuses. 130: Ctrl-C. 1: anything else.
+Status 0: done. 2: bad input or usage. 3: every strategy of `transfer` refuses, or `find` finds nothing. 130: Ctrl-C. 1: else.
 GRASPTRACK_DEBUG=1 shows tracebacks.
 """
 
@@ -14,11 +14,13 @@ import typer
 
 from grasptrack.cli import bench_verbs, help_groups
 from grasptrack.cli.demo import demo
+from grasptrack.cli.find import find
 from grasptrack.cli.help_groups import with_options
 from grasptrack.cli.inspect import inspect
 from grasptrack.cli.live import live
 from grasptrack.cli.support import cameras, doctor, models
 from grasptrack.cli.synthesize import synthesize
+from grasptrack.cli.teach import parts, teach
 from grasptrack.cli.terminal import (
     INTERRUPTED,
     RunInterruptedError,
@@ -46,11 +48,13 @@ Examples:
   grasptrack synthesize photo.jpg   the best grasps on the object in one image
   grasptrack inspect photo.jpg      how well that object can be tracked, before the run
   grasptrack transfer a.png b.png   the same grasp in two views
+  grasptrack teach photo.jpg --name flange --output flange.part
+  grasptrack find tray.jpg --part flange.part
   grasptrack servo                  look, choose, approach, close and lift, in a physics simulation
   grasptrack evaluate scenes        every method on scenes with exact truth, and a report
 
 Each verb has its own --help. Exit status: 0 done, 2 bad input, 3 from transfer when every strategy
-refuses, 130 after Ctrl-C, 1 anything else.
+refuses and from find when nothing is found, 130 after Ctrl-C, 1 anything else.
 """
 
 app = typer.Typer(
@@ -98,6 +102,9 @@ _add_verb(demo, help_groups.TRACK, "Track a rendered scene and compare with grou
 _add_verb(synthesize, help_groups.CHOOSE, "Choose grasps on an object in one image.")
 _add_verb(inspect, help_groups.CHOOSE, "Predict how well the object in an image can be tracked.")
 _add_verb(transfer, help_groups.CHOOSE, "Transfer a grasp from one image to another, by every strategy.")
+_add_verb(teach, help_groups.CHOOSE, "Teach a part from one image, and keep it on file.")
+_add_verb(find, help_groups.CHOOSE, "Find every instance of parts on file in an image.")
+_add_verb(parts, help_groups.CHOOSE, "List and draw the parts on file.")
 for _name, _short_help in bench_verbs.SHORT_HELP.items():
     app.command(_name, rich_help_panel=help_groups.MEASURE, short_help=_short_help)(lambda: None)
 _add_verb(cameras, help_groups.SUPPORT, "List the cameras that are attached.")

@@ -8,8 +8,8 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline
 from grasptrack.kernels.results import AlignmentSteps
-from grasptrack.matching.rating import Match, measure_observability, rate_homography
-from grasptrack.matching.samples import Sampled, align_parts, align_wholes, as_sampled
+from grasptrack.matching.rating import Match, lies_on, measure_observability, rate_homography
+from grasptrack.matching.samples import Sampled, align_parts, align_pieces, align_wholes, as_sampled
 from grasptrack.typing import Floats
 
 Steps = tuple[Floats, Floats]
@@ -66,6 +66,29 @@ def match_outlines(
     if found:
         found[0] = found[0]._replace(slack=measure_observability(found[0], a, b))
     return [_to_image_coordinates(m, a, b) for m in found[:most]]
+
+
+def lay_partly(first: Outline | Sampled, second: Outline | Sampled, most: int = 3) -> list[Floats]:
+    """Homographies (3, 3) that lay most of one outline on a part of another, as on that of parts that touch, or are covered.
+
+    What else the second one has is not looked at, so that nothing but its image says whether one of them is right.
+
+    Args:
+        first, second: as for `match_outlines`.
+        most: homographies given at most.
+
+    Returns:
+        Distinct ones, those that leave least first.
+    """
+    a, b = as_sampled(first), as_sampled(second)
+    rows = _refine_coarse(np.concatenate([align_pieces(a, b), align_parts(a, b)]), a, b)
+    if not len(rows):
+        return []
+    fine = _align_starts(np.ascontiguousarray(rows[: 4 * most, :9]), a, b, FINE, [2] * len(FINE[0]))
+    fine = fine[np.argsort(fine[:, 9], kind="stable")]
+    kept = [fine[i] for i in _distinct_indices(fine, a, a.size)] if len(fine) else []
+    ways = [_between_images(row[:9].reshape(3, 3), a, b) for row in kept if lies_on(row[:9].reshape(3, 3), a, b)]
+    return ways[:most]
 
 
 def refine_homographies(starts: Floats, first: Outline | Sampled, second: Outline | Sampled) -> list[Match]:

@@ -97,6 +97,18 @@ def rate_homography(H: Floats, a: Sampled, b: Sampled) -> Match | None:
     )
 
 
+def lies_on(H: Floats, a: Sampled, b: Sampled) -> bool:
+    """Whether a camera may see one outline so, between centres, that most of it lies on another, whatever else that has."""
+    in_front, determinant, ratio = kernels.distortion(H, a.points)
+    if not (in_front > 1e-9 and determinant > 0.0 and ratio <= MAX_STRETCH):
+        return False
+    moved = kernels.carry_normals(H, a.points, a.normals)
+    at, along = np.ascontiguousarray(moved[:, :2]), np.ascontiguousarray(moved[:, 2:4])
+    size = math.sqrt(max(0.0, kernels.seen_area(H, a.outer)))
+    gaps = kernels.outline_gaps(at, along, b.points, b.normals, b.offsets, REACH * size)
+    return bool((gaps <= max(NEAR * size, NEAR_PX)).mean() >= LEAST_SHARE)
+
+
 def measure_observability(found: Match, a: Sampled, b: Sampled) -> float:
     """px rms by which the outlines part when they are moved a little along what fixes them least; between centres."""
     nearby = [

@@ -121,6 +121,8 @@ CUTS = tuple((2.0 * math.pi * k / 12, share) for share in (0.15, 0.3) for k in r
 """Direction in rad, and share of the outline that is cut off there, of the parts that are tried."""
 STARTS_CUT = 24
 """Alignments of parts that are refined."""
+PIECES = tuple((2.0 * math.pi * k / 12, share) for share in (0.35, 0.5, 0.65) for k in range(12))
+"""The same of what is cut off an outline that is of several parts which touch."""
 
 
 def align_wholes(a: Sampled, b: Sampled, *, more: bool = False) -> Floats:
@@ -143,6 +145,20 @@ def align_parts(a: Sampled, b: Sampled) -> Floats:
         part = a.outer[depth <= np.quantile(depth, 1.0 - share)]
         rows.append(kernels.initial_alignments(np.ascontiguousarray(part), b.outer, BENDS[:1], COUNT, APART, 4))
     found = np.concatenate(rows)
+    return np.ascontiguousarray(found[np.argsort(found[:, 0], kind="stable")][:STARTS_CUT, 2:])
+
+
+def align_pieces(a: Sampled, b: Sampled) -> Floats:
+    """(k, 9) homographies that lay the whole of the first outer contour on what a straight cut leaves of the second."""
+    rows = []
+    for angle, share in PIECES:
+        depth = b.outer @ np.array([math.cos(angle), math.sin(angle)])
+        piece = np.ascontiguousarray(b.outer[depth <= np.quantile(depth, 1.0 - share)])
+        try:
+            rows.append(kernels.initial_alignments(a.outer, piece, BENDS[:1], COUNT, APART, 4))
+        except ValueError:  # a hair, or a tangle: it encloses nothing
+            continue
+    found = np.concatenate([np.zeros((0, 11)), *rows])
     return np.ascontiguousarray(found[np.argsort(found[:, 0], kind="stable")][:STARTS_CUT, 2:])
 
 

@@ -136,6 +136,26 @@ class CandidateSearch:
         else:
             rated = self._rate_meant()
             found = self._with_probabilities(self._localize_all(rated), rated)
+        return self._in_whole_image(found)
+
+    def every_candidate(self) -> list[Candidate]:
+        """Contours of all proposals that are not chance, each region once, the best rated first; those within others too.
+
+        For whoever knows what to look for: nothing is said of which is meant.
+        """
+        found: list[Candidate] = []
+        for p in self._proposals:
+            if p.rating is UNRATED or p.rating.score < MIN_RATING or p.silhouette.longer_side < MIN_EXTENT:
+                continue
+            candidate = self._localize_proposal(p)
+            if candidate is not None and not any(is_same_region(candidate.view, c.view) for c in found):
+                found.append(candidate._replace(rating=p.rating.score))
+            if len(found) >= MAX_CONTOURS:
+                break
+        return self._in_whole_image(found)
+
+    def _in_whole_image(self, found: list[Candidate]) -> list[Candidate]:
+        """The same, without what was taken off for a frame round the picture."""
         if not self._corner.any():
             return found
         back = np.eye(3)

@@ -27,6 +27,9 @@ SENTENCES = {
     "no-transfer": "the strategy did not find its outline in this image",
     "strategy-off": "the strategy puts a contact elsewhere than the outline and the surface do",
     "off-outline": "",
+    # of parts that are looked for in one image
+    "turned-over": "the part lies turned over: its other side is seen",
+    "which-part": "two parts, or both sides of one, explain this outline, and which of them it is cannot be told",
     # tracked
     "contact-unseen": "a contact has moved unseen for a while: that it moved with the rest is a guess",
     "not-flat": "the object is not flat: a contact on a lower edge is off",

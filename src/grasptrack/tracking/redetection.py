@@ -223,7 +223,7 @@ class Outlines:
             x, y, w, h = shape.box
             if min(x, y, width - x - w, height - y - h) <= 0:
                 return math.inf
-            return _shape_difference(own, shape.boundary_points(CHAIN_SAMPLES))
+            return shape_difference(own, shape.boundary_points(CHAIN_SAMPLES))
 
         first = self._target.view.contours[0]
         for views in self._observer.views_anywhere(grey, abs(kernels.seen_area(H, first.points)), turn, None, unlike):
@@ -271,7 +271,7 @@ def _make_detector(grey: Grey, view: View, hidden: Grey | None) -> OutlineDetect
     return observer
 
 
-def _shape_difference(a: Sampled, outline: Floats) -> float:
+def shape_difference(a: Sampled, outline: Floats) -> float:
     """Share of the whitened outline's norm by which an outline (N, 2) differs at least; infinite for another object's."""
     try:
         found = kernels.initial_alignments(a.outer, outline, BENDS, WHITENED_SAMPLES, WHITENED_APART, 1)

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`grasptrack teach`: a part from one image, kept on file; and `grasptrack parts`: what is on file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from grasptrack.cli import first_image, help_groups, options
+from grasptrack.cli.help_groups import option
+from grasptrack.cli.terminal import format_number, show_rows
+from grasptrack.errors import InputError, ObservationError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from grasptrack.geometry.contours import View
+    from grasptrack.grasp.contacts import Grasp
+    from grasptrack.grasp.hand import Hand
+    from grasptrack.io.parts import Part
+    from grasptrack.typing import Floats
+
+_HEADS = (
+    ("part", "left"),
+    ("file", "left"),
+    ("size, px", "right"),
+    ("size, mm", "right"),
+    ("holes", "right"),
+    ("grasps", "right"),
+    ("fingers", "right"),
+)
+KEPT = 5
+"""Grasps that a part keeps where none is given."""
+
+
+@dataclass(frozen=True)
+class TaughtGrasp(options.GivenGrasp):
+    """The grasp that a part is taught with; at what risk it is found is said when it is looked for."""
+
+    risk: float = 1e-3
+
+
+def teach(
+    image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image that shows the part whole, from above.")],
+    grasp: TaughtGrasp,
+    first: first_image.MaskedImage,
+    hand: options.HandSize,
+    name: Annotated[str, option(help_groups.OUTPUT, "NAME", "Name of the part, up to 60 characters.")],
+    output: Annotated[
+        Path, option(help_groups.OUTPUT, "FILE", "File of the part; an existing part is replaced.", "--output")
+    ],
+    quiet: options.Quiet = False,
+    max_megapixels: options.MaxMegapixels = None,
+) -> None:
+    """Teach a part from one image, and keep it on file for grasptrack find.
+
+    The file holds a picture of the part, its outline with holes and its grasps: a zip of JSON, PNG and CSV of at most 300 kB.
+    With --scale it knows the part's size in mm, too.
+
+    \b
+    Examples:
+      grasptrack teach photo.jpg --name flange --output flange.part
+      grasptrack teach photo.jpg --object 320,240 --name flange --output flange.part --scale 4.2
+      grasptrack teach photo.jpg --grasp "193,308 157,99" --name hook --output hook.part
+    """
+    from grasptrack.files import hold_folder, keep_inputs
+    from grasptrack.io.parts import Part
+
+    contacts, fingers, size = grasp.given_contacts(), grasp.finger_count(at_most_three=True), hand.make_hand()
+    read = [image, *([] if first.mask is None else [first.mask]), *first.files()]
+    keep_inputs([output], read)
+    if output.exists():
+        try:
+            Part.load(output)
+        except InputError:
+            raise InputError(f'"{output}" is no part, and would be written over: name another file') from None
+    scene = first.read_scene(image, "teach takes one image", contacts)
+    try:
+        view, grasps, probability = _view_and_grasps(scene, first.segmenter, (fingers, grasp.friction, size), contacts)
+    except ObservationError as error:
+        raise InputError(f'"{image}": {error}') from None
+    part = Part.of(scene.image, view, grasps, name=name, friction=grasp.friction, hand=size)
+    with hold_folder(output.parent):
+        part.save(output)
+    if not quiet:
+        notes = [*scene.notes, str(output)]
+        if probability < first.sure:
+            told = f"the object was chosen with a probability of {100.0 * probability:.0f} %, which is not sure"
+            notes.insert(0, f"{told}: look at it (grasptrack parts {output}); --object or --outline say which is meant")
+        show_rows("Taught", _HEADS, [_row_cells(part, output.name)], notes)
+
+
+def _view_and_grasps(
+    scene: first_image.UserScene, segmenter: str | None, asked: tuple[int, float, Hand], contacts: Floats | None
+) -> tuple[View, Sequence[Grasp], float]:
+    """The part's outline, its grasps, and the probability that the outline is meant; 1 where a person said which."""
+    from grasptrack.grasp.contacts import Grasp
+    from grasptrack.grasp.synthesis import synthesize
+    from grasptrack.segmentation.first_look import look_for
+    from grasptrack.segmentation.segmenters import segmenter_for
+    from grasptrack.tracking.initialization import object_at_contacts
+
+    said = scene.said
+    if contacts is not None and said.grasp is not None:
+        view = object_at_contacts(look_for(scene.image, said, segmenter_for(segmenter), scene.mask), said.grasp).view
+        return view, [Grasp(said.grasp.contacts).snapped(view)], 1.0
+    views, _, probability = first_image.find_outlines(scene, segmenter)
+    (fingers, friction, hand), others = asked, views[1:]
+    found = synthesize(views[0], fingers, friction, None, KEPT, hand=hand, neighbours=others)
+    if not found:
+        raise ObservationError(f"no grasp: {found.reason}")
+    return views[0], found, 1.0 if said.is_settled or scene.mask is not None else probability
+
+
+def parts(
+    folder: Annotated[str, typer.Argument(metavar="DIR", help="Folder with files of parts, or one such file.")],
+    output: options.Output = options.OUTPUT_FOLDER / "parts",
+    json_: options.Json = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """List the parts on file, and draw each with its outline and first grasp.
+
+    Writes parts.json, and parts.png, the picture of them.
+
+    \b
+    Examples:
+      grasptrack parts shelf
+      grasptrack parts flange.part --output pictures
+    """
+    from grasptrack.documents import write_json
+    from grasptrack.files import keep_inputs
+    from grasptrack.io.instances import parts_to_dict
+    from grasptrack.io.parts import load_parts, part_files
+    from grasptrack.view.instances import write_parts
+
+    files = part_files([folder])
+    data, picture = output / "parts.json", output / "parts.png"
+    keep_inputs([data, picture], files)
+    listed = load_parts(files)
+    help_groups.hold_until_end(output)
+    write_parts(picture, listed)
+    write_json(data, {**parts_to_dict(listed, [str(file) for file in files]), "files": [data.name, picture.name]})
+    if json_ and not quiet:
+        typer.echo(data.read_text(encoding="utf-8").rstrip())
+    elif not quiet:
+        rows = [_row_cells(part, file.name) for part, file in zip(listed, files, strict=True)]
+        show_rows("Parts on file", _HEADS, rows, [f"{data}, {picture}"])
+
+
+def _row_cells(part: Part, file: str) -> list[str]:
+    low, high = part.view.outer.points.min(axis=0), part.view.outer.points.max(axis=0)
+    wide, tall = (high - low).tolist()
+    millimetres = "" if math.isnan(part.px_per_mm) else " x ".join(format_number(v) for v in part.size_mm)
+    holes, fingers = len(part.view.contours) - 1, len(part.grasps[0])
+    return [part.name, file, f"{wide:.0f} x {tall:.0f}", millimetres, str(holes), str(len(part.grasps)), str(fingers)]

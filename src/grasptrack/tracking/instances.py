@@ -1,0 +1,410 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every instance of known parts in one image: where a part may lie, each pose made exact, each place decided by itself.
+
+Outlines of the image say where a part may lie, whole or in pieces; the tracker's estimator makes each pose exact, and its
+decision, which asks the edges of the image, says which is believed. A part turned over is one more outline that may explain
+a place; where two explain one, the image must have so much more evidence for one of them as the risk asks for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import arguments, kernels
+from grasptrack.equality import compared_by_value
+from grasptrack.errors import ConditioningError, ContourError, GraspTrackError
+from grasptrack.first_image import FirstImage
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography, normalize_homography, rotation_at
+from grasptrack.grasp.force_closure import GraspAnalysis, analyze
+from grasptrack.images import Channel, Grey, to_bgr
+from grasptrack.matching import Sampled, judge_hypotheses, lay_partly, match_outlines
+from grasptrack.matching.symmetry import TOLERANCE as OWN_TWIN
+from grasptrack.presentation import to_dict
+from grasptrack.segmentation.candidate import Candidate, is_same_region
+from grasptrack.segmentation.candidate_search import CandidateSearch
+from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, decide_pose
+from grasptrack.tracking.estimator import first_state
+from grasptrack.tracking.evidence import contact_testimony, pose_evidence, texture_evidence
+from grasptrack.tracking.messages import StatusReason
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
+from grasptrack.tracking.parts import KnownPart, as_parts
+from grasptrack.tracking.pose import PoseEstimate, contact_tolerance, max_contact_distance
+from grasptrack.tracking.redetection import shape_difference
+from grasptrack.tracking.selection import make_target
+from grasptrack.tracking.single import UNKNOWN_PRESENCE, pose_hypothesis, single_estimate
+from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.target import build_pyramid
+from grasptrack.typing import Floats, Pixels
+
+MOST_LOOKS = 6
+"""Looks at one image; each after the first at what those before left unexplained."""
+SAME_PLACE = 0.5
+"""Share of the lesser of two outlines within the other, from which on they lie in one place."""
+LEAST_SHARE, MOST_TOUCHING = 0.5, 4.0
+"""Areas of parts within which a piece of an outline of the image is looked for: of a covered one, and of some that touch."""
+OVERLAP_SIDE = 64
+"""px, the longer side of the image on which two outlines are laid over each other."""
+SMALLEST, LARGEST = 0.4, 2.5
+"""Smallest and largest scale at which a part is looked for."""
+TURNED_OVER, WHICH_PART = "turned-over", "which-part"
+
+
+@compared_by_value
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """A part in an image. Contacts are there where it is believed, turned over or not; `found` says that it can be grasped.
+
+    Attributes:
+        part: its name.
+        homography: (3, 3) from the part's image to this one; it mirrors where the part is turned over.
+        view: its outline in this image, px.
+        contacts: (k, 2) px of the part's first grasp; None where it is not believed.
+        covariance: (k, 2, 2) px^2 of the contacts; None with them.
+        confidence: 0 to 1, the complement of the probability that a contact is off by more than 3 px and 4 % of sqrt(area),
+            or on something else.
+        mirrored: it is turned over: its lower side is seen.
+        seen: (k,) 0 to 1, how much of each contact was observed; None with them.
+        edge: 0 to 1, the share of its outline whose own edge was observed.
+        room: px behind each finger's pad up to the nearest neighbour, the least of all fingers; infinite where the fingers
+            have all the room that they need.
+        analysis: of the grasp, in the part's image; None with the contacts.
+        turns: degrees of other turns by which its outline fits as well and which its surface does not tell apart: the
+            contacts are those of one of them, and equal by the outline alone.
+        reason: empty where it is found, else a short sentence.
+        reason_code: the reason in one word, see `messages.SENTENCES`.
+    """
+
+    part: str
+    homography: Floats
+    view: View
+    contacts: Floats | None
+    covariance: Floats | None
+    confidence: float
+    mirrored: bool
+    seen: Floats | None
+    edge: float
+    room: float
+    analysis: GraspAnalysis | None
+    turns: tuple[float, ...] = ()
+    reason: str = ""
+    reason_code: str = ""
+
+    @property
+    def found(self) -> bool:
+        """Whether it is believed, the right way up."""
+        return not self.reason_code
+
+    def __repr__(self) -> str:
+        """One line: the part, and where."""
+        x, y = self.view.outer.points.mean(axis=0).tolist()
+        return f"Instance({self.part} at {x:.0f},{y:.0f}, {self.reason_code or f'confidence {self.confidence:.4f}'})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
+        return to_dict(self)
+
+
+@arguments.checked(
+    image=arguments.array(unbounded=True),
+    risk=arguments.number,
+    ignore=arguments.optional(arguments.array(unbounded=True)),
+)
+def find(
+    image: NDArray[Any],
+    parts: KnownPart | Sequence[KnownPart],
+    *,
+    risk: float = DEFAULT_RISK,
+    ignore: NDArray[Any] | None = None,
+) -> list[Instance]:
+    """Every instance of known parts in an image: any turn, scales of 0.4 to 2.5, tilts to 45 degrees.
+
+    Args:
+        image: 8 or 16 bit, grey, BGR or BGRA.
+        parts: what to look for, one part or several of different names; of two that look alike in the image neither is found.
+        risk: probability, between 0 and 1, below which an answer may be wrong: less refuses more.
+        ignore: (H, W) nonzero where nothing belongs to the scene; None where all does.
+
+    Returns:
+        Those that are found first, the easiest to grasp first: with room for the fingers, uncovered, sure. Then those turned
+        over, then what looks like a part and is not believed, each with its reason. No two of the first two share a place.
+
+    Raises:
+        InputError: no part, two parts of one name, a risk out of range, or a mask of another size.
+        SourceError: no image.
+    """
+    colours = to_bgr(image)
+    said = FirstImage.of(ignore=ignore).within(colours.shape)
+    numbers = NUMBERS.with_risk(risk)
+    scene = _Pyramids(colours)
+    kinds = [kind for part in as_parts(parts) for kind in _sides_of(part, numbers.risk)]
+    settled: list[_Claim] = []
+    doubted: list[_Claim] = []
+    beside: list[View] = []
+    tried: dict[_Ways, list[View]] = {_ways_onto_whole: [], _ways_onto_part: []}
+    for _ in range(MOST_LOOKS):
+        candidates = CandidateSearch(colours, said, None).every_candidate()
+        beside = [c.view for c in candidates]
+        for ways, before in tried.items():
+            fresh = [c for c in candidates if not any(is_same_region(c.view, view) for view in before)]
+            before += [c.view for c in fresh]
+            claims = [claim for kind in kinds for claim in _claims_of(kind, scene, fresh, ways)]
+            new, refused = _settle_claims(claims, settled, numbers.risk)
+            settled, doubted = settled + new, doubted + refused
+            if new:
+                break
+        else:
+            break
+        said = replace(said, hidden=_hide_found(said.hidden, new, colours.shape))
+    _, doubted = _settle_claims(doubted, settled, numbers.risk)
+    outlines = [claim.view for claim in settled]
+    outlines += [v for v in beside if not any(_overlap_share(v, o) > SAME_PLACE for o in outlines)]
+    answers = [claim.as_instance(outlines, numbers.risk) for claim in [*settled, *doubted]]
+    return sorted(
+        answers, key=lambda a: (not a.found, not a.mirrored, -min(a.room, a.view.outer.area), -a.edge, -a.confidence)
+    )
+
+
+# --- what is looked for ----------------------------------------------------------------------------
+
+
+class _Pyramids:
+    """The image, its pyramid made once for each mixture of colours."""
+
+    def __init__(self, colours: Pixels) -> None:
+        self._colours = colours
+        self._levels: dict[Channel, list[Grey]] = {}
+
+    def levels_in(self, channel: Channel) -> list[Grey]:
+        if channel not in self._levels:
+            self._levels[channel] = build_pyramid(channel.to_grey(self._colours))
+        return self._levels[channel]
+
+
+class _Kind:
+    """A side of a part: as it was taught, or turned over, of which nothing but the outline is known."""
+
+    def __init__(self, part: KnownPart, taught: KnownPart, mirrored: bool, risk: float) -> None:
+        self.part, self.taught, self.mirrored = part, taught, mirrored
+        self.outline = Sampled(taught.view)
+        numbers = NUMBERS.with_risk(risk)
+        self._numbers = replace(numbers, texture_contrast=math.inf) if mirrored else numbers
+        self._states: dict[Channel, TrackState] = {}
+
+    def state_in(self, channel: Channel) -> TrackState:
+        """What the estimator knows of it, as this mixture of colours shows it."""
+        if channel not in self._states:
+            levels = build_pyramid(channel.to_grey(self.taught.image))
+            target = make_target(levels, self.taught.view, self.taught.grasps[0].contacts, self._numbers)
+            self._states[channel] = first_state(target, levels)
+        return self._states[channel]
+
+    @cached_property
+    def grasp_analysis(self) -> GraspAnalysis | None:
+        """Of the first grasp, in the part's image."""
+        try:
+            return analyze(self.part.grasps[0], self.part.view, self.part.friction, judged_in="reference")
+        except GraspTrackError:
+            return None
+
+
+def _sides_of(part: KnownPart, risk: float) -> list[_Kind]:
+    """The side that was taught, and the other one where its outline is another."""
+    own, other = _Kind(part, part, False, risk), _Kind(part, part.turned_over(), True, risk)
+    alike = judge_hypotheses(match_outlines(other.outline, own.outline, thorough=False)).best
+    flat = alike is not None and alike.misfit <= OWN_TWIN * own.outline.size
+    return [own] if flat else [own, other]
+
+
+# --- what may explain a place ------------------------------------------------------------------------
+
+_Ways = Callable[[Sampled, View], list[Floats]]
+"""Homographies (3, 3) that may lay an outline on one of the image."""
+
+
+class _Claim:
+    """A part that may lie somewhere, as exactly as the image tells, and what is decided of that."""
+
+    def __init__(self, kind: _Kind, channel: Channel, decision: Decision, turns: tuple[float, ...]) -> None:
+        assert decision.estimate is not None
+        self.kind, self.channel, self.decision, self.turns = kind, channel, decision, turns
+        self.estimate: PoseEstimate = decision.estimate
+        self._state = kind.state_in(channel)
+        self.evidence = pose_evidence(self._state, self.estimate)
+        self.H = self._state.target.homography(self.estimate.G)
+        self.view = _carried_view(kind.taught.view, self.H)
+        self.code = decision.code
+
+    def shares_place(self, other: _Claim) -> bool:
+        """Whether both lie in one place."""
+        return _overlap_share(self.view, other.view) > SAME_PLACE
+
+    def as_instance(self, others: list[View], risk: float) -> Instance:
+        """As it is told, beside other outlines of the image."""
+        kind, believed = self.kind, self.code in ("", TURNED_OVER)
+        H = normalize_homography(self.H @ kind.part.flip) if kind.mirrored else self.H
+        beside = [v for v in others if v is not self.view]
+        return Instance(
+            kind.part.name,
+            H,
+            self.view,
+            self.estimate.contacts if believed else None,
+            self.estimate.covariance if believed else None,
+            self.decision.confidence,
+            kind.mirrored,
+            contact_testimony(self._state, self.estimate) if believed else None,
+            self.estimate.edge_share,
+            _finger_room(kind.taught, self.H, beside),
+            kind.grasp_analysis if believed else None,
+            self.turns,
+            StatusReason(self.code, self.decision.figures).sentence if self.code else "",
+            self.code,
+        )
+
+
+def _claims_of(kind: _Kind, scene: _Pyramids, candidates: list[Candidate], ways: _Ways) -> list[_Claim]:
+    """What a kind may explain of an image: each place once, by the estimates that lie there."""
+    claims: list[_Claim] = []
+    for candidate in candidates:
+        try:
+            likely = ways(kind.outline, candidate.view)
+        except ValueError:  # a hair, or a tangle: so few of its points enclose nothing
+            continue
+        levels, state = scene.levels_in(candidate.channel), kind.state_in(candidate.channel)
+        estimates = [
+            e
+            for H in likely
+            if (e := single_estimate(state, levels, pose_hypothesis(state.target, "match", H))) is not None
+            and SMALLEST**2 <= e.area / state.target.area <= LARGEST**2
+        ]
+        for alike in _by_place(state, estimates):
+            claims.append(_decided_claim(kind, candidate.channel, alike))
+    return claims
+
+
+def _ways_onto_whole(outline: Sampled, view: View) -> list[Floats]:
+    """Homographies that lay an outline on the whole of one of the image; none where it looks like another one from anywhere."""
+    if not view.is_clipped and not math.isfinite(shape_difference(outline, view.outer.points)):
+        return []
+    told = judge_hypotheses(match_outlines(outline, view, thorough=False))
+    return [] if told.best is None else [m.homography for m in (told.best, *told.others)]
+
+
+def _ways_onto_part(outline: Sampled, view: View) -> list[Floats]:
+    """Homographies that lay most of an outline on a part of one of the image, which is large enough for that and not larger
+    than some parts that touch."""
+    share = view.outer.area / outline.size**2
+    return lay_partly(outline, view) if LEAST_SHARE * SMALLEST**2 <= share <= MOST_TOUCHING * LARGEST**2 else []
+
+
+def _by_place(state: TrackState, estimates: list[PoseEstimate]) -> list[list[PoseEstimate]]:
+    """Estimates of one place together."""
+    places: list[tuple[View, list[PoseEstimate]]] = []
+    for e in estimates:
+        view = _carried_view(state.target.view, state.target.homography(e.G))
+        known = next((group for there, group in places if _overlap_share(view, there) > SAME_PLACE), None)
+        if known is None:
+            places.append((view, [e]))
+        else:
+            known.append(e)
+    return [group for _, group in places]
+
+
+def _decided_claim(kind: _Kind, channel: Channel, estimates: list[PoseEstimate]) -> _Claim:
+    """What is decided of the estimates of one place: of turns between which nothing decides one stands for all."""
+    state = kind.state_in(channel)
+    target, numbers = state.target, state.numbers
+    own = max(estimates, key=lambda e: pose_evidence(state, e))
+    least = numbers.temper * max(0.0, texture_evidence(state, own)) + math.log(numbers.risk)
+
+    def is_equal(e: PoseEstimate) -> bool:
+        allowed = contact_tolerance(e.area, numbers)
+        twins = (target.carried_contacts(own.G @ T) for T in target.turns)
+        alike = any(max_contact_distance(twin, e.contacts) <= allowed for twin in twins)
+        return alike and numbers.temper * max(0.0, texture_evidence(state, e)) > least
+
+    equals = [e for e in estimates if e is not own and is_equal(e)]
+    expected = Expected(target.contacts, UNKNOWN_PRESENCE, ANYWHERE_STEPS)
+    decision = decide_pose(state, [e for e in estimates if e not in equals], expected)
+    back = np.linalg.inv(target.homography(own.G))
+    centre = kind.outline.centre.tolist()
+    turns = [math.degrees(rotation_at(back @ target.homography(e.G), *centre)) for e in equals]
+    return _Claim(kind, channel, decision, tuple(turns))
+
+
+# --- which of them is believed ---------------------------------------------------------------------
+
+
+def _settle_claims(claims: list[_Claim], known: list[_Claim], risk: float) -> tuple[list[_Claim], list[_Claim]]:
+    """Those claims that are believed, each place once, and for each other place the best of those that are not."""
+    settled: list[_Claim] = []
+    refused: list[_Claim] = []
+    left = [c for c in sorted(claims, key=lambda c: -c.evidence) if not any(c.shares_place(k) for k in known)]
+    while left:
+        best, left = left[0], left[1:]
+        here = [c for c in left if c.shares_place(best)]
+        left = [c for c in left if c not in here]
+        rival = next((c for c in here if c.kind is not best.kind), None)
+        if best.code == "" and rival is not None and best.evidence - rival.evidence < -math.log(risk):
+            best.code = WHICH_PART
+        if best.code == "" and best.kind.mirrored:
+            best.code = TURNED_OVER
+        (settled if best.code in ("", TURNED_OVER) else refused).append(best)
+    return settled, [c for c in refused if c.decision.presence > UNKNOWN_PRESENCE]
+
+
+def _carried_view(view: View, H: Floats) -> View:
+    """An outline in the image, its points worked out."""
+    return View([Contour.trusted(apply_homography(H, c.points), hole=c.hole) for c in view.contours])
+
+
+def _overlap_share(one: View, other: View) -> float:
+    """Share of the lesser of two outlines' material, holes not counted, that lies within the other."""
+    low = np.minimum(one.outer.points.min(axis=0), other.outer.points.min(axis=0))
+    high = np.maximum(one.outer.points.max(axis=0), other.outer.points.max(axis=0))
+    if bool((one.outer.points.max(axis=0) < other.outer.points.min(axis=0)).any()) or bool(
+        (other.outer.points.max(axis=0) < one.outer.points.min(axis=0)).any()
+    ):
+        return 0.0
+    scale = OVERLAP_SIDE / max(1.0, float((high - low).max()))
+    masks = [_material_mask(view, (OVERLAP_SIDE + 1, OVERLAP_SIDE + 1), scale, low) for view in (one, other)]
+    areas = [int(np.count_nonzero(mask)) for mask in masks]
+    return int(np.count_nonzero(masks[0] & masks[1])) / max(1, min(areas))
+
+
+def _material_mask(view: View, shape: tuple[int, ...], scale: float = 1.0, low: Floats | float = 0.0) -> Grey:
+    """(H, W) 255 on the material of an outline."""
+    mask: Grey = np.zeros(shape[:2], np.uint8)
+    rings = [np.rint((c.points - low) * scale).astype(np.int32) for c in view.contours]
+    cv2.fillPoly(mask, rings[:1], (255,))
+    cv2.fillPoly(mask, rings[1:], (0,))
+    return mask
+
+
+def _hide_found(hidden: Grey | None, claims: list[_Claim], shape: tuple[int, ...]) -> Grey:
+    """(H, W) 255 where nothing is looked for any more: what was hidden, and what is explained."""
+    found = [_material_mask(View(claim.view.outer), shape) for claim in claims]
+    return np.asarray(np.maximum.reduce([*found, *([] if hidden is None else [hidden])]), dtype=np.uint8)
+
+
+def _finger_room(part: KnownPart, H: Floats, beside: list[View]) -> float:
+    """px of the part's image behind the pads up to the nearest outline of an image, the least of all fingers."""
+    back, (width, depth) = np.linalg.inv(H), part.finger
+    contacts, ways = part.grasps[0].contacts, part.directions[0]
+    least = math.inf
+    for view in beside:
+        try:
+            outer = View(view.outer).transformed(back)
+        except (ConditioningError, ContourError):
+            continue
+        rooms = kernels.finger_clearance(outer.points, outer.offsets, contacts, ways, None, width, depth, width)
+        least = min(least, float(rooms[:, 1].min()))
+    return least

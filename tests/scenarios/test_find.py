@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parts taught in one image and found in another: each instance, none that is none, and none that lies turned over."""
+
+import csv
+import json
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import grasptrack as gt
+from grasptrack.cli.main import main
+from grasptrack.errors import InputError
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.tracking.image_pair import transfer_between_images
+from scenery import L_PLATE, drawn
+
+HOOK = 1.3 * np.array([[-60, -40], [60, -40], [60, 40], [20, 40], [20, -5], [-60, -5]], dtype=np.float64)
+ELL = 1.1 * L_PLATE
+MIRRORED = ELL[::-1] * np.array([-1.0, 1.0])
+SIZE = (480, 640)
+
+
+def turned(outline: np.ndarray, angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return outline @ np.array([[c, s], [-s, c]])
+
+
+@cache
+def part(name: str = "ell", outline: str = "ELL") -> gt.Part:
+    """A part as an image of it alone teaches it."""
+    image = drawn(globals()[outline], centres=((160.0, 120.0),), angle=0.0, seed=7)
+    view = gt.first_look(image)[0].view
+    return gt.Part.of(image, view, gt.synthesize(view, 2, top=2), name=name)
+
+
+def tray(*placed: tuple[np.ndarray, float, tuple[float, float]]) -> np.ndarray:
+    """(H, W) parts on a ground, each turned and at its place."""
+    shapes = [turned(outline, angle) for outline, angle, _ in placed]
+    return drawn(
+        *shapes, centres=tuple(at for *_, at in placed), angle=0.0, size=SIZE, contrast=85.0, noise=2.0, seed=3
+    )
+
+
+THREE = ((ELL, 0.4, (130.0, 120.0)), (ELL, 2.5, (330.0, 330.0)), (ELL, 4.0, (500.0, 130.0)))
+
+
+def centroid(points: np.ndarray) -> np.ndarray:
+    moments = cv2.moments(points.astype(np.float32))
+    return np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+
+
+def truth(angle: float, at: tuple[float, float]) -> np.ndarray:
+    """(k, 2) px of the part's contacts on one that lies turned at a place."""
+    return turned(part().grasps[0].contacts - centroid(part().view.outer.points) + centroid(ELL), angle) + at
+
+
+def test_every_instance_is_found_where_it_lies() -> None:
+    found = gt.find(tray(*THREE), part())
+    assert [one.found for one in found] == [True] * 3
+    for _, angle, at in THREE:
+        errors = [np.hypot(*(one.contacts - truth(angle, at)).T).max() for one in found]
+        assert min(errors) < 1.0
+    for one in found:
+        np.testing.assert_allclose(apply_homography(one.homography, part().grasps[0].contacts), one.contacts, atol=1e-6)
+        assert one.confidence >= 0.999 and one.edge > 0.9 and (one.seen > 0.5).all() and one.analysis.stable
+        assert np.isinf(one.room) and not one.mirrored and one.turns == () and one.covariance.shape == (2, 2, 2)
+
+
+def test_one_part_is_found_where_transfer_has_it() -> None:
+    own, image = part(), tray(THREE[1])
+    (one,) = gt.find(image, own)
+    pair = transfer_between_images(own.grasps[0], own.view, own.image, image, 0.5)
+    assert pair.outcomes[0].reason == ""
+    np.testing.assert_allclose(one.contacts, pair.outcomes[0].contacts, atol=0.02)
+
+
+def test_on_bare_ground_and_among_others_nothing_is_found() -> None:
+    assert gt.find(np.full(SIZE, 180, np.uint8), part()) == []
+    noise = np.random.default_rng(0).integers(0, 255, SIZE, dtype=np.uint8)
+    assert not any(one.found for one in gt.find(cv2.GaussianBlur(noise, (0, 0), 3.0), part()))
+    assert not any(one.found for one in gt.find(tray((HOOK, 0.3, (150.0, 150.0)), (HOOK, 2.0, (400.0, 300.0))), part()))
+
+
+def test_what_lies_turned_over_is_told_and_never_given_as_found() -> None:
+    found = gt.find(tray(THREE[0], (MIRRORED, 1.0, (400.0, 300.0))), part())
+    assert [(one.found, one.mirrored, one.reason_code) for one in found] == [
+        (True, False, ""), (False, True, "turned-over"),
+    ]  # fmt: skip
+    over = found[1]
+    assert over.contacts is not None and np.linalg.det(over.homography[:2, :2]) < 0.0
+    np.testing.assert_allclose(apply_homography(over.homography, part().grasps[0].contacts), over.contacts, atol=1e-6)
+
+
+def test_each_part_is_taken_for_itself_and_equals_for_neither() -> None:
+    image = tray(THREE[0], (HOOK, 1.0, (400.0, 300.0)))
+    found = gt.find(image, [part(), part("hook", "HOOK")])
+    assert sorted((one.part, one.found) for one in found) == [("ell", True), ("hook", True)]
+    twins = gt.find(image, [part(), part("twin")])
+    assert [one.reason_code for one in twins].count("which-part") == 1
+    assert not any(one.found for one in twins)
+    with pytest.raises(InputError, match="two parts have the name"):
+        gt.find(image, [part(), part("ell", "HOOK")])
+    with pytest.raises(InputError, match="parts must be a part"):
+        gt.find(image, [])
+
+
+def test_a_covered_part_is_found_or_told_and_comes_after_those_in_plain_view() -> None:
+    image = tray(*THREE)
+    cv2.rectangle(image, (455, 60), (500, 110), (180,), -1)  # the ground's level over a corner of the last
+    found = [one for one in gt.find(image, part()) if one.found]
+    assert len(found) >= 2 and found[0].edge >= found[-1].edge
+    for one in found:
+        assert min(np.hypot(*(one.contacts - truth(angle, at)).T).max() for _, angle, at in THREE) < 2.0
+
+
+def test_a_neighbour_takes_the_room_of_the_fingers() -> None:
+    angle, at = 0.0, (200.0, 200.0)
+    contact = truth(angle, at)[0]
+    away = -part().directions[0][0]
+    free = [one for one in gt.find(tray((ELL, angle, at)), part()) if one.found]
+    beside = contact + away * 10.0 + away * np.abs(SMALL).max()
+    near = [one for one in gt.find(tray((ELL, angle, at), (SMALL, 0.0, tuple(beside.tolist()))), part()) if one.found]
+    assert len(free) == len(near) == 1 and np.isinf(free[0].room) and near[0].room < 12.0
+
+
+SMALL = 16.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
+
+
+def test_the_verbs_teach_find_and_list(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cv2.imwrite(str(tmp_path / "one.png"), drawn(ELL, centres=((160.0, 120.0),), angle=0.0, seed=7))
+    cv2.imwrite(str(tmp_path / "tray.png"), tray(*THREE))
+    cv2.imwrite(str(tmp_path / "none.png"), tray((HOOK, 0.3, (150.0, 150.0))))
+    shelf, out = tmp_path / "shelf", tmp_path / "out"
+    shelf.mkdir()
+    taught = ["teach", str(tmp_path / "one.png"), "--name", "ell", "--output", str(shelf / "ell.part"), "--scale", "4"]
+    assert main(taught) == 0 and "ell" in capsys.readouterr().out
+    assert main([*taught, "--quiet"]) == 0  # an existing part is replaced
+    assert main(["find", str(tmp_path / "tray.png"), "--part", str(shelf), "--output", str(out)]) == 0
+    told = json.loads((out / "instances.json").read_text())
+    rows = list(csv.DictReader((out / "instances.csv").open()))
+    assert [one["found"] for one in told["instances"]] == [True] * 3 == [row["found"] == "1" for row in rows]
+    assert [float(row["x1"]) for row in rows] == pytest.approx(
+        [one["contacts"][0][0] for one in told["instances"]], abs=1e-3
+    )
+    assert sorted(told["files"]) == sorted(path.name for path in out.iterdir())
+    assert main(["parts", str(shelf), "--output", str(out)]) == 0
+    assert json.loads((out / "parts.json").read_text())["parts"][0]["size_mm"][0] == pytest.approx(38.5, abs=1.0)
+    assert cv2.imread(str(out / "parts.png")) is not None and cv2.imread(str(out / "instances.png")) is not None
+    capsys.readouterr()
+    assert main(["find", str(tmp_path / "none.png"), "--part", str(shelf), "--output", str(out), "--quiet"]) == 3
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.count("\n") == 1 and "no instance" in said.err
+
+
+def test_bad_input_is_one_line_and_nothing_is_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image, other = tmp_path / "one.png", tmp_path / "notes.part"
+    cv2.imwrite(str(image), drawn(ELL, centres=((160.0, 120.0),), angle=0.0, seed=7))
+    other.write_text("my own")
+    for asked in (
+        ["teach", str(image), "--name", "ell", "--output", str(other)],
+        ["teach", str(image), "--name", "ell", "--output", str(image)],
+        ["teach", str(image), "--name", "", "--output", str(tmp_path / "a.part")],
+        ["teach", str(image), "--name", "ell", "--output", str(tmp_path / "a.part"), "--grasp", "5,5 8,8"],
+        ["find", str(image), "--part", str(other)],
+        ["find", str(tmp_path / "none.png"), "--part", str(tmp_path / "none.part")],
+    ):
+        assert main(asked) == 2
+        said = capsys.readouterr()
+        assert said.out == "" and said.err.count("\n") == 1
+    assert other.read_text() == "my own" and sorted(p.name for p in tmp_path.iterdir()) == ["notes.part", "one.png"]
