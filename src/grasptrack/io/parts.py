@@ -133,7 +133,7 @@ def _packed_bytes(part: KnownPart) -> bytes:
     rows = csv.writer(table, lineterminator="\n")
     rows.writerow(["contour", "x", "y"])
     for k, contour in enumerate(part.view.contours):
-        rows.writerows([k, f"{x:.4f}", f"{y:.4f}"] for x, y in contour.points.tolist())
+        rows.writerows([k, x, y] for x, y in contour.points.tolist())
     members = {
         "part.json": json.dumps(plain_value(told), indent=2, allow_nan=False).encode(),
         "image.png": picture.tobytes(),
@@ -221,7 +221,11 @@ def _read_outline(text: str) -> View:
         points.setdefault(int(row[0]), []).append((float(row[1]), float(row[2])))
     if sorted(points) != list(range(len(points))) or len(points) > MOST_CONTOURS:
         raise InputError(f"has contours that are not counted from 0, or more than {MOST_CONTOURS}")
-    return View([Contour(np.array(points[k]), hole=k > 0) for k in range(len(points))])
+    rings = [np.array(points[k]) for k in range(len(points))]
+    if any(not (ring != np.roll(ring, 1, axis=0)).any(axis=1).all() for ring in rings):
+        raise InputError("has an outline with the same point twice in succession")
+    # measured ones may cross themselves, by less than a pixel
+    return View([Contour.trusted(ring, hole=k > 0) for k, ring in enumerate(rings)])
 
 
 def _read_picture(data: bytes) -> Pixels:
