@@ -119,7 +119,8 @@ def lose(
         on = state.coasting._replace(steps=state.coasting.steps + state.steps)
         state.coasting = None if state.left else on
     state.lost += 1
-    state.exchanged += decision.presence * (decision.exchanged - state.exchanged)
+    if state.accepted:  # until a second image shows it, what contradicts the first outline may be that outline
+        state.exchanged += decision.presence * (decision.exchanged - state.exchanged)
     state.velocity, state.elsewhere, state.confirmed = None, 0.0, 0.0
     state.shutter.forget_motion()
     # while something is followed that is more probably the object than another shape or surface, its place is known
