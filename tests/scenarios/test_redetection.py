@@ -168,19 +168,6 @@ def test_what_the_last_image_showed_in_its_place_stays_in_mind_where_it_was_more
     assert doubts[0] == doubts[1] < 0.01 * doubts[2] and doubts[2] == doubts[3]
 
 
-def test_grain_that_compression_takes_away_is_no_other_surface() -> None:
-    """Its first image keeps what noise it was taken with; the next ones, predicted from it, less and less of that."""
-    case = make_scene_cases([ScenePart(SHAPES["leaf"]())], ["h264"], frames=12, seed=8181)[0]
-    scene = case.scene()
-    contacts, found = chosen_grasp(scene[0].outline), 0
-    tracker = GraspTracker(grasp=contacts)
-    for k in range(12):
-        seen_at = tracker.update(scene[k].image, time=scene[k].time).contacts
-        assert seen_at is None or np.hypot(*(seen_at - scene[k].carry(contacts)).T).max() < 3.0
-        found += seen_at is not None
-    assert found >= 11
-
-
 def test_turns_that_nothing_tells_apart_are_not_believed() -> None:
     state = begun(SQUARE)
     levels = build_pyramid(drawn(SQUARE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))

@@ -320,7 +320,7 @@ def decide_pose(
     variance = worst_variance(chosen.covariance) * numbers.inflate**2
     absent = elsewhere / (own + elsewhere)
     outside = math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
-    other = wrong_object_probability(state, chosen, expected.steps)
+    other = wrong_object_probability(state, chosen, expected.steps, surfaces[best])
     apart = apart_probability(state, chosen)
     false_edge = outline_open_probability(state, chosen)
     fixed = fixed_probability(state, chosen, marks)

@@ -18,8 +18,6 @@ NO_WITNESS: Floats = np.full(8, np.inf)
 """Variances of what the surface tells where it is not asked."""
 FIRST_POSE_SD = 0.05
 """Work px, of the pose's error in the first image, which defines it."""
-DOUBTED_TEXTURE = 4.0
-"""Grey levels of texture that compression, light and dust make in one image, and another of the same surface need not show."""
 
 
 def estimate_pose(
@@ -108,24 +106,11 @@ def first_state(
         edge_width=target.edge_width,
         blur_share=numbers.blur_share,
         usual=[np.zeros(n) for n in target.counts],
-        certain=[np.zeros(n) for n in target.counts],
         time=time,
         belt=before.belt,
     )
     own = estimate_pose(state, levels, Hypothesis("first", target.A, state.P))
     if own is not None:
-        grain = (target.noise / max(target.noise, DOUBTED_TEXTURE)) ** 2
-        state.usual = [_expected_correlation(r, 1.0) for r in own.correlation]
-        state.certain = [_expected_correlation(r, grain) for r in own.correlation]
+        # V / (V + grain) is what a patch of variance V has with itself, (V - grain) / (V + grain) with another look
+        state.usual = [np.clip(2.0 * np.nan_to_num(r) - 1.0, 0.0, 1.0) for r in own.correlation]
     return state
-
-
-def _expected_correlation(own: Floats, share: float) -> Floats:
-    """(n,) what patches have with another look at them, of what they have with themselves.
-
-    V / (V + grain) is what a patch of variance V has with itself, (V - grain) / (V + grain) with another look. `share` is what
-    the camera's noise is of the grain that is another one in that look.
-    """
-    own = np.nan_to_num(own)
-    signal = own / np.maximum(1.0 - own, 1e-9) * share
-    return np.asarray(np.clip((signal - 1.0) / (signal + 1.0), 0.0, 1.0), dtype=np.float64)

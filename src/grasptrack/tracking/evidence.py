@@ -57,12 +57,6 @@ def surface_evidence(
     return kernels.surface_evidence(correlation, usual, SHARES_MISSING, log_prior, *spreads)
 
 
-def certain_evidence(state: TrackState, estimate: PoseEstimate) -> SurfaceEvidence:
-    """What an estimate's surface says for this one against another one, as far as every look at this one must show it."""
-    must = [np.minimum(usual, most) for usual, most in zip(state.usual, state.certain, strict=True)]
-    return surface_evidence(estimate.correlation, must, state.numbers)
-
-
 def missing_evidence(surface: SurfaceEvidence) -> float:
     """Log-likelihood ratio of the same surface on another outline, any share of it missing, against an occluder."""
     return _log_marginal(surface.by_share, ANY_PRIOR) - _log_marginal(surface.by_share, OUTLINE_PRIOR)
@@ -109,16 +103,19 @@ def power_surprisal(share: float, power: float) -> float:
     return -power * math.log1p(-min(share, MOST_HIDDEN))
 
 
-def wrong_object_probability(state: TrackState, estimate: PoseEstimate, steps: float) -> float:
+def wrong_object_probability(
+    state: TrackState, estimate: PoseEstimate, steps: float, surface: SurfaceEvidence | None = None
+) -> float:
     """Probability that something else was taken for the object: its outline differs somewhere, or its surface everywhere.
 
     Args:
         state: of the object.
         estimate: of what was seen.
         steps: how long the object may have gone unseen, in frames of free motion.
+        surface: that of the estimate, where it is known already.
     """
     numbers = state.numbers
-    surface = certain_evidence(state, estimate)
+    surface = surface or surface_evidence(estimate.correlation, state.usual, numbers)
     seen = max(0.0, surface.log_odds)
     shape = max(-seen, math.log(numbers.same_surface))
     if len(estimate.other):

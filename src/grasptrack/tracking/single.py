@@ -4,15 +4,19 @@
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, any_of, decide_pose
 from grasptrack.tracking.estimator import estimate_pose
-from grasptrack.tracking.evidence import certain_evidence, other_surface_odds, pose_evidence
+from grasptrack.tracking.evidence import other_surface_odds, pose_evidence, surface_evidence
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.pose import TURNED, Hypothesis, PoseEstimate, contact_tolerance, max_contact_distance
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
 
+DOUBTED_TEXTURE = 4.0
+"""Grey levels of texture that compression, light and dust make in one image, and another of the same surface need not show."""
 UNKNOWN_PRESENCE = 0.5
 """Prior probability that an image of which nothing is known shows the object."""
 
@@ -62,11 +66,23 @@ def decide_single(state: TrackState, estimates: list[PoseEstimate]) -> Decision:
     own = decision.estimate
     if own is None:
         return decision
-    odds = other_surface_odds(certain_evidence(state, own).log_odds, state.numbers)
+    surface = surface_evidence(own.correlation, _certain_correlations(state), state.numbers)
+    odds = other_surface_odds(surface.log_odds, state.numbers)
     other = odds / (1.0 + odds)
     doubt = "other-surface" if other > decision.probability_off else decision.doubt
     off, exchanged = any_of(decision.probability_off, other), any_of(decision.exchanged, other)
     return replace(decision, probability_off=off, exchanged=exchanged, doubt=doubt)
+
+
+def _certain_correlations(state: TrackState) -> list[Floats]:
+    """What is usual of each patch, had the first image so much noise that only texture that is surely its own is more."""
+    noise = state.target.noise
+    ratio = (noise / max(noise, DOUBTED_TEXTURE)) ** 2
+    found = []
+    for usual in state.usual:
+        signal = (1.0 + usual) / np.maximum(1.0 - usual, 1e-9) * ratio  # variance over that of the noise
+        found.append(np.clip((signal - 1.0) / (signal + 1.0), 0.0, 1.0))
+    return found
 
 
 def told_apart(state: TrackState, one: PoseEstimate, other: PoseEstimate, risk: float) -> bool:

@@ -261,7 +261,6 @@ class TrackState:
         edge_width: work px, standard deviation of an edge at rest: how far the image is out of focus.
         blur_share: half of an edge's blur, of what moved across it since the last image: how long the shutter is open.
         usual: of each patch of the three finest levels: its correlation of late.
-        certain: the same of what another look must show; grain may have gone along for a while, as where a codec repeats it.
         time, interval: s, of the last image; a usual time between images.
         visible: (N,) probability of each sample of the outline to be visible in the last image; empty where that is not known.
         belt: (2,) px/s, how the belt on which it lies moves in the first view, where that is told; None otherwise.
@@ -320,7 +319,6 @@ class TrackState:
     edge_width: float
     blur_share: float
     usual: list[Floats]
-    certain: list[Floats]
     time: float | None
     belt: Floats | None = None
     interval: float | None = None
