@@ -47,7 +47,7 @@ from grasptrack.typing import Floats, Pixels
 
 MOST_LOOKS = 6
 """Looks at one image; each after the first at what those before left unexplained."""
-SAME_PLACE = 0.5
+LEAST_OVERLAP = 0.5
 """Share of the lesser of two outlines within the other, from which on they lie in one place."""
 LEAST_SHARE, MOST_TOUCHING = 0.5, 4.0
 """Areas of parts within which a piece of an outline of the image is looked for: of a covered one, and of some that touch."""
@@ -166,7 +166,7 @@ def find(
         said = replace(said, hidden=_hide_found(said.hidden, new, colours.shape))
     _, doubted = _settle_claims(doubted, settled, numbers.risk)
     outlines = [claim.view for claim in settled]
-    outlines += [v for v in beside if not any(_overlap_share(v, o) > SAME_PLACE for o in outlines)]
+    outlines += [v for v in beside if not any(_overlap_share(v, o) > LEAST_OVERLAP for o in outlines)]
     answers = [claim.as_instance(outlines, numbers.risk) for claim in [*settled, *doubted]]
     return sorted(
         answers, key=lambda a: (not a.found, not a.mirrored, -min(a.room, a.view.outer.area), -a.edge, -a.confidence)
@@ -245,7 +245,7 @@ class _Claim:
 
     def shares_place(self, other: _Claim) -> bool:
         """Whether both lie in one place."""
-        return _overlap_share(self.view, other.view) > SAME_PLACE
+        return _overlap_share(self.view, other.view) > LEAST_OVERLAP
 
     def as_instance(self, others: list[View], risk: float) -> Instance:
         """As it is told, beside other outlines of the image."""
@@ -310,7 +310,7 @@ def _by_place(state: TrackState, estimates: list[PoseEstimate]) -> list[list[Pos
     places: list[tuple[View, list[PoseEstimate]]] = []
     for e in estimates:
         view = _carried_view(state.target.view, state.target.homography(e.G))
-        known = next((group for there, group in places if _overlap_share(view, there) > SAME_PLACE), None)
+        known = next((group for there, group in places if _overlap_share(view, there) > LEAST_OVERLAP), None)
         if known is None:
             places.append((view, [e]))
         else:
