@@ -17,11 +17,11 @@ from grasptrack.geometry.homographies import apply_homography, rotation_about_z,
 from grasptrack.grasp.closure_probability import CHANCE, FRONTAL, ClosureCheck, Rectifications
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
+from grasptrack.tracking.answer import judged_status, needs_another
 from grasptrack.tracking.camera import AROUND, Beforehand, _slope_nodes, plane_in_view, rectifying_homography
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Plane
-from grasptrack.tracking.tracker import _judged_status, _needs_another
 from grasptrack_bench.method import chosen_grasp
 from grasptrack_bench.simulation import SHAPES, Conditions, Path, Scene
 from outlines import BRACKET, dense
@@ -289,16 +289,16 @@ def test_what_no_view_has_told_refuses_no_grasp_but_what_views_have_told_does() 
     judged = check.judge_first(plane.rectifications)
     assert not plane.rectifications.told and judged.closes < CHANCE
     for told, expected in ((False, ("tracked", "tilt-open")), (True, ("unstable", "open-margin"))):
-        status, reason = _judged_status(judged, judged.closure_probability, told)
+        status, reason = judged_status(judged, judged.closure_probability, told)
         assert reason is not None and (status, reason.code) == expected
-    assert not _needs_another(judged, False) and not _needs_another(judged, True)  # views may make it surer
+    assert not needs_another(judged, False) and not needs_another(judged, True)  # views may make it surer
     plane = plane_of(Followed(), np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]))
     surer = check.judge_first(plane.rectifications)
-    assert surer.closes > 0.99 and _judged_status(surer, surer.closure_probability, True) == ("tracked", None)
+    assert surer.closes > 0.99 and judged_status(surer, surer.closure_probability, True) == ("tracked", None)
     needed = math.tan(math.atan(0.3) - judged.analysis.margin + 1e-4)
     slippery, _ = check_of(OUTLINE, CONTACTS, needed)
     judged = slippery.judge_first(plane.rectifications)
-    assert judged.analysis.stable and judged.closes < CHANCE and judged.settled and _needs_another(judged, True)
+    assert judged.analysis.stable and judged.closes < CHANCE and judged.settled and needs_another(judged, True)
 
 
 # --- what views teach ----------------------------------------------------------------------------

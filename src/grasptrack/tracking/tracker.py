@@ -8,9 +8,9 @@ import threading
 import time as clock
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from grasptrack.errors import ConditioningError, GraspError, InputError, SourceE
 from grasptrack.first_image import DEFAULT_SURE, FIRST_IMAGE_CHECKS, FirstImage
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import View
-from grasptrack.grasp.closure_probability import CHANCE, ClosureCheck, Judgement
+from grasptrack.grasp.closure_probability import ClosureCheck
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_count, check_friction
 from grasptrack.grasp.hand import Hand, Length, checked_length
@@ -28,62 +28,20 @@ from grasptrack.images import Grey
 from grasptrack.segmentation.candidate import Candidate, distinct_candidates
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
+from grasptrack.tracking.answer import Moment, Track, located_result, make_result, needs_another, offset_covariance
 from grasptrack.tracking.camera import Beforehand, rectifying_view
 from grasptrack.tracking.follower import AUTO, Follower, Moved
 from grasptrack.tracking.initialization import FirstScene, Wish, first_view, image_size, mask_as_scene, start_tracking
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
-from grasptrack.tracking.plane import UNKNOWN, Distance, Ruler, make_ruler
-from grasptrack.tracking.pose import PoseEstimate
+from grasptrack.tracking.plane import Ruler, make_ruler
 from grasptrack.tracking.result import LocatedResult, TrackResult, UnlocatedResult
-from grasptrack.tracking.strategies import Carrier
 from grasptrack.transfer import STRATEGIES, strategy_names
-from grasptrack.typing import Floats, Status, StrategyName
+from grasptrack.typing import StrategyName
 from grasptrack.undistortion import Undistortion
-
-
-@dataclass(frozen=True)
-class Track:
-    """A grasp that was chosen.
-
-    Attributes:
-        number: of the grasp, from 1.
-        closure: whether it closes.
-        carrier: takes it from image to image.
-        follower: knows where the object is.
-        ruler: tells how far it is; None where nobody said how long the object is, or it is cut off in the first view.
-    """
-
-    number: int
-    closure: ClosureCheck
-    carrier: Carrier
-    follower: Follower
-    ruler: Ruler | None = None
-
-    def distance_in(self, homography: Floats, covariance: Floats) -> Distance:
-        """Of the object in a view, of H_current_reference (3, 3) and the covariance (9, 9) of its entries."""
-        return UNKNOWN if self.ruler is None else self.ruler.distance_in(homography, covariance)
-
 
 KEPT_ROWS = 4
 """Every so many rows of an image are kept, to see whether the next one is another: no camera's noise leaves them alone."""
-
-
-class _Moment(NamedTuple):
-    """Of an update.
-
-    Attributes:
-        frame: index of its image; time: s or None, when that was taken; started: s, when the update began.
-        repeated: the image is that of the update before.
-        sure, probability: as `object_sure` and `object_probability` of a result.
-    """
-
-    frame: int
-    time: float | None
-    started: float
-    repeated: bool
-    sure: bool
-    probability: float
 
 
 class GraspTracker:
@@ -306,7 +264,7 @@ class GraspTracker:
         mask = self._masks.segment(image) if mask is None and self._masks else mask
         grey, self._scene = self._prepare_image(image, mask), None
         repeated = self._is_repeated(np.asarray(image if mask is None else mask))
-        moment = _Moment(self._frame, time, started, repeated, self.object_sure, self._object_probability)
+        moment = Moment(self._frame, time, started, repeated, self.object_sure, self._object_probability)
         if self._track is None:
             result = self._begin_tracking(moment, masked=mask is not None)  # grasp synthesis, once
         else:
@@ -331,7 +289,7 @@ class GraspTracker:
         before, self._rows = self._rows, image[::KEPT_ROWS].copy()
         return before is not None and np.array_equal(before, self._rows)
 
-    def _begin_tracking(self, moment: _Moment, *, masked: bool) -> TrackResult:
+    def _begin_tracking(self, moment: Moment, *, masked: bool) -> TrackResult:
         """Choose the object and a grasp on it."""
         before, self._plane = self._known_beforehand(), None
         wish = replace(self._wish, friction=self.friction)
@@ -340,7 +298,7 @@ class GraspTracker:
         self.candidates = self._seen_candidates(first.found)
         candidate, reason = first.candidate, first.reason
         if candidate is None:
-            return _make_result(moment, "searching", reason)
+            return make_result(moment, "searching", reason)
         self._scene = FirstScene(self._observer.colours, masked, first, wish, before)
         if self._wish.before is None:
             self.object_sure = masked or wish.is_sure_of(candidate)
@@ -351,12 +309,12 @@ class GraspTracker:
         if start.carrier is None or start.grasp is None:
             if start.refusal:
                 reason = StatusReason("no-description", detail=start.refusal)
-            return _make_result(moment, "searching", reason, view=candidate.view)
+            return make_result(moment, "searching", reason, view=candidate.view)
         self._grasps += 1
         grasp, follower = start.grasp, start.carrier.follower
         closure = _make_closure_check(grasp, candidate.view, self.friction)
         self._track = track = Track(self._grasps, closure, start.carrier, follower, self._make_distance_ruler(follower))
-        return _located_result(
+        return located_result(
             moment,
             track,
             closure.judge_first(follower.state.plane.rectifications),
@@ -382,7 +340,7 @@ class GraspTracker:
         """What tells how far the object is, where its length was told."""
         return None if self.length is None else make_ruler(follower.target, follower.state.plane, self.length)
 
-    def _analyzed_result(self, moment: _Moment, track: Track, moved: Moved) -> TrackResult:
+    def _analyzed_result(self, moment: Moment, track: Track, moved: Moved) -> TrackResult:
         """Analysis of what is believed."""
         estimate, contacts = moved.decision.estimate, moved.contacts
         if (
@@ -395,19 +353,19 @@ class GraspTracker:
             sure = moved.decision.confidence
             if self._next and track.follower.state.has_left:
                 self._track, self._wish = None, self._wish.for_next()
-            return _make_result(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure)
+            return make_result(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure)
         target, plane = track.follower.target, track.follower.state.plane
         H, homography_covariance = target.homography_and_covariance(estimate.G, moved.covariance)
         covariance = target.handle.placed(estimate.G, moved.covariance)[1]
         try:
             judged = track.closure.judge(contacts, self.friction, moved.homography, H, covariance, plane.rectifications)
         except (GraspError, ConditioningError) as error:
-            return _make_result(moment, "lost", StatusReason("off-outline", detail=str(error)), grasp_id=track.number)
-        if self._resynthesize and _needs_another(judged, plane.rectifications.told):
+            return make_result(moment, "lost", StatusReason("off-outline", detail=str(error)), grasp_id=track.number)
+        if self._resynthesize and needs_another(judged, plane.rectifications.told):
             self._request_another_grasp(moved.view, plane.as_prior(H, homography_covariance))
         if contacts is not estimate.contacts:
-            covariance = covariance + _offset_covariance(contacts, estimate)
-        return _located_result(
+            covariance = covariance + offset_covariance(contacts, estimate)
+        return located_result(
             moment,
             track,
             judged,
@@ -517,97 +475,3 @@ def _make_closure_check(grasp: Grasp, view: View, friction: float) -> ClosureChe
     """Judges a grasp on an outline."""
     width = FINGER_WIDTH * math.sqrt(kernels.polygon_moments(view.points, view.offsets).area)
     return ClosureCheck(grasp, view, friction, width)
-
-
-def _judged_status(judged: Judgement, chance: float, told: bool) -> tuple[Status, StatusReason | None]:
-    """Whether a grasp is stable, and why not or by how much that is open; `told` as of `Rectifications`.
-
-    What no view has told yet is no reason to refuse a grasp, and is said.
-    """
-    figures = {"chance": chance}
-    if not judged.analysis.stable:
-        return "unstable", StatusReason("not-closing", detail=judged.analysis.reason)
-    if told and judged.closes < CHANCE:
-        return "unstable", StatusReason("open-margin", figures)
-    if (chance if told else judged.stays) < CHANCE:
-        return "unstable", StatusReason("slips", figures)
-    return "tracked", StatusReason("tilt-open", figures) if chance < CHANCE else None
-
-
-def _needs_another(judged: Judgement, told: bool) -> bool:
-    """Whether a grasp is refused for good: another one makes what is seen no surer, and later views may make this one so."""
-    if not told:
-        return not judged.analysis.stable
-    return judged.closes < 1.0 - CHANCE or (judged.closes < CHANCE and judged.settled)
-
-
-def _located_result(
-    moment: _Moment, track: Track, judged: Judgement, H: Floats, C: Floats, **found: Any
-) -> TrackResult:
-    """The result where the contacts are located.
-
-    Args:
-        moment: of the update.
-        track: the grasp.
-        judged: whether it closes.
-        H: (3, 3) H_current_reference.
-        C: (9, 9) of its entries.
-        **found: what else the result has.
-    """
-    plane, chance = track.follower.state.plane, judged.closure_probability
-    tilt, distance = plane.tilt_in(H, C), track.distance_in(H, C)
-    status, reason = _judged_status(judged, chance, plane.rectifications.told)
-    state, contacts = track.follower.state, found["contacts"]
-    if status == "tracked" and state.sightings.are_stale(contacts, state.numbers):
-        reason = StatusReason("contact-unseen")
-    elif status == "tracked" and state.shows_sides(tilt.angle):
-        reason = reason or StatusReason("not-flat", {"thickness": state.thickness})
-    if plane.is_squeezed:
-        reason = reason or StatusReason("not-pinhole", {"aspect": plane.aspect})
-    return _make_result(
-        moment,
-        status,
-        reason,
-        strategy=track.carrier.name,
-        grasp_id=track.number,
-        analysis=judged.analysis,
-        chance=chance,
-        margin_sd=judged.margin_sd,
-        margin_image=judged.margin_image,
-        tilt=tilt.angle,
-        tilt_sd=tilt.sd,
-        rectification=plane.rectifications.best,
-        distance=distance.value,
-        distance_sd=distance.sd,
-        homography=H,
-        last_seen=moment.frame - state.sightings.images,
-        **found,
-    )
-
-
-def _make_result(moment: _Moment, status: Status, reason: StatusReason | None, **found: Any) -> TrackResult:
-    """The result of an update, which is over."""
-    latency_ms, reason = 1000 * (clock.perf_counter() - moment.started), reason or StatusReason()
-    if status == "tracked":  # nothing refuses it
-        sentence, code, notice = "", "", reason.code
-    else:
-        sentence, code, notice = reason.sentence, reason.code, ""
-    return TrackResult(
-        moment.frame,
-        moment.time,
-        status,
-        sentence,
-        reason_code=code,
-        notice=notice,
-        latency_ms=latency_ms,
-        object_sure=moment.sure,
-        object_probability=moment.probability,
-        repeated=moment.repeated,
-        **found,
-    )
-
-
-def _offset_covariance(contacts: Floats, estimate: PoseEstimate) -> Floats:
-    """(k, 2, 2) px^2 that contacts (k, 2) are off on average for lying elsewhere than an estimate has them."""
-    away = contacts - estimate.contacts
-    return np.asarray(away[:, :, None] * away[:, None, :], dtype=np.float64)
