@@ -48,7 +48,8 @@ from grasptrack.live.state import KEPT, CurvePoint, Curves, Shown, headline_of
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.numbers import NUMBERS
 
-ANY = st.one_of(st.floats(), st.sampled_from([math.nan, math.inf, -math.inf, 0.0]))
+ANY = st.one_of(st.floats(-1e300, 1e300), st.sampled_from([math.nan, math.inf, -math.inf, 0.0]))
+"""What is finite here is so in degrees and per cent too."""
 CORNERS = np.array([[10, 10], [25, 10], [40.123, 10], [40, 25], [40, 40], [25, 40.0049], [10, 40], [10, 25]])
 
 
