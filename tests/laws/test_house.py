@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_554,
     "research": 10_824,
     "native": 7_356,
-    "tests": 42_247,
+    "tests": 42_253,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 204

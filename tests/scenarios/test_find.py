@@ -20,6 +20,7 @@ from scenery import L_PLATE, drawn
 HOOK = 1.3 * np.array([[-60, -40], [60, -40], [60, 40], [20, 40], [20, -5], [-60, -5]], dtype=np.float64)
 ELL = 1.1 * L_PLATE
 MIRRORED = ELL[::-1] * np.array([-1.0, 1.0])
+DISC = 70.0 * np.column_stack([np.cos(np.arange(0.0, 6.28, 0.1)), np.sin(np.arange(0.0, 6.28, 0.1))])
 SIZE = (480, 640)
 
 
@@ -92,6 +93,11 @@ def test_what_lies_turned_over_is_told_and_never_given_as_found() -> None:
     over = found[1]
     assert over.contacts is not None and np.linalg.det(over.homography[:2, :2]) < 0.0
     np.testing.assert_allclose(apply_homography(over.homography, part().grasps[0].contacts), over.contacts, atol=1e-6)
+
+
+def test_a_disc_may_lie_in_any_turn_and_is_not_given() -> None:
+    found = gt.find(tray((DISC, 0.7, (400.0, 300.0))), part("disc", "DISC"))
+    assert found and not any(one.found for one in found)
 
 
 def test_each_part_is_taken_for_itself_and_equals_for_neither() -> None:
