@@ -17,6 +17,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.evidence import EXCHANGED, wrong_object_probability
+from grasptrack.tracking.learning import FIRST_IMAGES, _learn_looks
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.pose import PoseEstimate, largest_sigma
 from grasptrack.tracking.selection import make_target
@@ -166,6 +167,19 @@ def test_what_the_last_image_showed_in_its_place_stays_in_mind_where_it_was_more
     for state.exchanged in (0.0, EXCHANGED, 1.01 * EXCHANGED, 1.0):
         doubts.append(wrong_object_probability(state, e, 1.0))
     assert doubts[0] == doubts[1] < 0.01 * doubts[2] and doubts[2] == doubts[3]
+
+
+@pytest.mark.parametrize(
+    ("astray", "before", "becomes_usual"), [(-1.0, 0.1, True), (2.0, 0.1, False), (2.0, 9.0, True)]
+)
+def test_edges_of_something_else_become_no_habit(astray: float, before: float, becomes_usual: bool) -> None:
+    """As of what spreads from a side in the object's own grey; what light hides may, and that it was less than usual does."""
+    state = begun(L_PLATE)
+    e = seen(state, np.eye(3), drawn(L_PLATE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
+    given = {name: getattr(e, name) for name in dir(e) if name[0] != "_"} | {"elsewhere": 0.2, "astray": astray}
+    state.strange, state.accepted = before, FIRST_IMAGES
+    _learn_looks(state, cast(PoseEstimate, SimpleNamespace(**given)))
+    assert (state.strange != before) is becomes_usual
 
 
 def test_turns_that_nothing_tells_apart_are_not_believed() -> None:

@@ -249,7 +249,9 @@ def _learn_looks(state: TrackState, estimate: PoseEstimate) -> None:
     share = 1.0 / (min(state.accepted, MEMORY) + FIRST_IMAGES)
     state.elsewhere = estimate.elsewhere if estimate.confirmed else min(state.elsewhere, estimate.elsewhere)
     strange = outline_surprisal(estimate, state.numbers)
-    state.strange += (strange - state.strange) * share
+    # the first images may show that the first outline is wrong; later, edges of something else are not what is usual
+    if state.accepted <= FIRST_IMAGES or not estimate.astray > 0.0 or strange < state.strange:
+        state.strange += (strange - state.strange) * share
     state.confirmed = min(state.confirmed, strange)
     agreeing = agreeing_share(estimate)
     if math.isfinite(agreeing):
