@@ -98,13 +98,18 @@ def test_a_plain_part_does_not_slide_on_itself(shape: str, seed: int, frames: in
         ("bracket", 0, 11, 0),  # a watermark: it is lost
         ("egg", 1, 11, 10),  # the reflection of a ring of lamps
         ("leaf", 4, 4242, 0),  # a watermark, of which the first outline takes letters along
-        ("leaf", 3, 4242, 10),  # a crosshair, along which the first outline runs to the border
+        ("leaf", 3, 4242, 5),  # a crosshair, along which the first outline runs to the border
     ],
 )
 def test_what_is_fixed_in_the_image_is_not_the_object(shape: str, repeat: int, seed: int, most: int) -> None:
     # surface, and ground, said: at rest
     found = never_wrong(shape, "overlay", repeat, frames=24, seed=seed)
     assert sum(f.answered for f in found) > most
+
+
+def test_noise_of_a_compressed_image_is_no_surface_that_can_be_another() -> None:
+    """What passes for texture in the first image, as blocks of noise, agrees here and there by chance in the second."""
+    assert all(f.answered for f in never_wrong("spanner", "jpeg", frames=12, seed=5))
 
 
 def test_a_line_beyond_a_solid_part_is_none_of_its_outline() -> None:
