@@ -54,11 +54,6 @@ def write_text(file: Path, text: str, kind: str) -> None:
 def read_text(file: Path, kind: str, largest: int = LARGEST_BYTES) -> str:
     """The text of a small file in UTF-8.
 
-    Args:
-        file: its path.
-        kind: what it should be, for messages: "calibration".
-        largest: bytes.
-
     Raises:
         InputError: it cannot be read, is larger, empty, or no text. The message does not name the file.
     """
@@ -79,11 +74,7 @@ def read_text(file: Path, kind: str, largest: int = LARGEST_BYTES) -> str:
 
 
 def read_keys(text: str) -> dict[str, Any]:
-    """The keys of a JSON object, which begins with a brace, or of YAML; empty where YAML holds something else.
-
-    Raises:
-        InputError: neither can be read; the message names the line of YAML.
-    """
+    """The keys of a JSON object, which begins with a brace, or of YAML; empty where YAML holds something else."""
     if text.lstrip().startswith("{"):
         return read_json(text)
     found = read_yaml(text)
@@ -91,11 +82,7 @@ def read_keys(text: str) -> dict[str, Any]:
 
 
 def read_json(text: str) -> dict[str, Any]:
-    """The keys of a JSON object.
-
-    Raises:
-        InputError: it is none.
-    """
+    """The keys of a JSON object."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError) as error:

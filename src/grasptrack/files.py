@@ -76,11 +76,7 @@ def written_before(folder: Path) -> set[str]:
 
 
 def prepare_folder(output: Path) -> None:
-    """Make a folder and see that it can be written to.
-
-    Raises:
-        InputError: it cannot.
-    """
+    """Make a folder and see that it can be written to."""
     try:
         output.mkdir(parents=True, exist_ok=True)
         probe = output / ".grasptrack-probe"

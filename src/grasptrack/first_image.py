@@ -155,12 +155,7 @@ class FirstImage:
         return replace(self, not_at=(*self.not_at, at), number=None, grasp=None)
 
     def without_distortion(self, lens: Undistortion) -> FirstImage:
-        """The same of the image without its lens's distortion.
-
-        Raises:
-            InputError: a mask or background of another size.
-            SourceError: a background that is no image.
-        """
+        """The same of the image without its lens's distortion."""
 
         def moved(points: tuple[Point, ...]) -> tuple[Point, ...]:
             return _parsed_points(lens.straight_points(np.array(points)), "a pixel") if points else ()

@@ -38,21 +38,13 @@ def to_grey(image: NDArray[Any]) -> Grey:
 
 
 def to_bgr(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """An image of any kind that `to_grey` takes as (H, W) or (H, W, 3) uint8, keeping its colours.
-
-    Raises:
-        SourceError: as `to_grey`.
-    """
+    """An image of any kind that `to_grey` takes as (H, W) or (H, W, 3) uint8, keeping its colours."""
     array = _check_image(image)
     return np.ascontiguousarray(array if array.ndim == 2 else array[:, :, :3])
 
 
 class Channel(NamedTuple):
-    """A mixture of blue, green and red, scaled so that no value leaves 0 to 255.
-
-    Attributes:
-        weights: of blue, green and red, with absolute values that sum to 1; None is plain grey.
-    """
+    """A mixture of blue, green and red, scaled so that no value leaves 0 to 255."""
 
     weights: tuple[float, float, float] | None = None
 
@@ -114,11 +106,7 @@ def _check_image(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def to_mask(mask: NDArray[Any], shape: tuple[int, ...], what: str) -> Grey:
-    """Any mask of the image's size as (H, W) uint8 of 0 and 255; nonzero is set. Instances of a "mask" are parted.
-
-    Raises:
-        InputError: not the image's size.
-    """
+    """Any mask of the image's size as (H, W) uint8 of 0 and 255; nonzero is set. Instances of a "mask" are parted."""
     array = np.asarray(mask)
     if array.ndim == 3:
         array = np.asarray(np.any(array[:, :, :3], axis=2))

@@ -34,11 +34,7 @@ def plugin_names(group: Group) -> tuple[str, ...]:
 
 
 def load_plugin(group: Group, name: str) -> Any:
-    """The object that a package registered, or None where no package registered that name.
-
-    Raises:
-        InputError: a package registered it, but its import fails; the message says why.
-    """
+    """The object that a package registered, or None where no package registered that name."""
     entry = _find_entries(group).get(name)
     if entry is None:
         return None

@@ -22,22 +22,14 @@ class Verbs(help_groups.GroupedVerbs):
     """All verbs. Those of grasptrack-bench are known by name until one of them is asked for."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The verb that the arguments begin with.
-
-        Raises:
-            InputError: it is one of grasptrack-bench, which is not installed or cannot be loaded.
-        """
+        """The verb that the arguments begin with."""
         if args and args[0] in SHORT_HELP:
             self.add_command(load_verb(args[0]), args[0])
         return super().resolve_command(ctx, args)
 
 
 def load_verb(name: str) -> Any:
-    """The command of a verb of grasptrack-bench.
-
-    Raises:
-        InputError: grasptrack-bench is not installed, or cannot be loaded.
-    """
+    """The command of a verb of grasptrack-bench."""
     found = load_plugin("grasptrack.verbs", name)
     if found is None:
         raise InputError(

@@ -151,9 +151,6 @@ class FirstImageOptions:
 
         Args:
             contacts: (k, 2) px of --grasp.
-
-        Raises:
-            InputError: two options say which object is meant, or one cannot be read.
         """
         from grasptrack.first_image import FirstImage
 
@@ -173,11 +170,7 @@ class FirstImageOptions:
             )
 
     def with_images(self, said: FirstImage) -> FirstImage:
-        """The same with the images of --ignore and --background.
-
-        Raises:
-            SourceError, InputError: one is missing or unreadable, or the user's masks say where the object is, too.
-        """
+        """The same with the images of --ignore and --background."""
         empty = None
         if self.background is not None:
             if self.mask is not None:
@@ -192,9 +185,6 @@ class FirstImageOptions:
             name: of its file.
             taken: what the verb takes, for the message.
             contacts: (k, 2) px of --grasp.
-
-        Raises:
-            SourceError, InputError: what is said cannot be read, or does not fit the image.
         """
         from grasptrack.io.masks import read_mask
 
@@ -238,11 +228,7 @@ def by_option() -> Iterator[None]:
 
 
 def parse_pair(text: str, option: str, wanted: str = "a pixel written x,y") -> Point:
-    """A pixel from "x,y", or two other numbers that an option wants.
-
-    Raises:
-        InputError: anything else.
-    """
+    """A pixel from "x,y", or two other numbers that an option wants."""
     numbers = _parse_numbers(text)
     if len(numbers) != 2:
         raise InputError(f'{option} is {wanted}, not "{text}"', text=text)
@@ -273,11 +259,7 @@ def _parse_numbers(text: str) -> list[float]:
 
 
 def load_calibration(path: str | None) -> Camera | None:
-    """The camera of --camera, or None.
-
-    Raises:
-        InputError: a file that cannot be read, or is no calibration.
-    """
+    """The camera of --camera, or None."""
     if path is None:
         return None
     from grasptrack.io.calibration import read_camera
@@ -294,11 +276,7 @@ def scaling_notes(camera: Camera | None, shape: tuple[int, ...]) -> list[str]:
 
 
 def read_ignored(path: str | None) -> Pixels | None:
-    """The mask of --ignore, (H, W), or None.
-
-    Raises:
-        SourceError: it cannot be read.
-    """
+    """The mask of --ignore, (H, W), or None."""
     if path is None:
         return None
     from grasptrack.io.masks import read_mask
@@ -307,11 +285,7 @@ def read_ignored(path: str | None) -> Pixels | None:
 
 
 def only_image(name: str, taken: str) -> Frame:
-    """The image of a file.
-
-    Raises:
-        SourceError, InputError: missing, unreadable, or more than one image.
-    """
+    """The image of a file."""
     from grasptrack.io.sources import open_source
 
     with open_source(name) as source:
@@ -347,12 +321,7 @@ class FoundOutlines(NamedTuple):
 
 
 def find_outlines(scene: UserScene, segmenter: str | None = None) -> FoundOutlines:
-    """Outlines in an image.
-
-    Raises:
-        ObservationError: no object, or none where it should be.
-        InputError: a mask of another size, no such segmenter, or fewer candidates than the number that was taken.
-    """
+    """Outlines in an image."""
     from grasptrack.segmentation.candidate import distinct_candidates
     from grasptrack.segmentation.first_look import find_objects, look_for
     from grasptrack.segmentation.segmenters import segmenter_for
@@ -366,11 +335,7 @@ def find_outlines(scene: UserScene, segmenter: str | None = None) -> FoundOutlin
 
 
 def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandSize, known: KnownGeometry) -> Settings:
-    """How a tracker works that is asked for by these options, whatever the first image shows.
-
-    Raises:
-        InputError: an option that cannot be read, or two that contradict each other.
-    """
+    """How a tracker works that is asked for by these options, whatever the first image shows."""
     from grasptrack.grasp.hand import parse_measure
     from grasptrack.live.settings import Settings
     from grasptrack.segmentation.segmenters import segmenter_for

@@ -122,11 +122,7 @@ _until_end: ContextVar[ExitStack] = ContextVar("until_end")
 
 
 def hold_until_end(output: Path) -> None:
-    """Make a folder, and keep other runs out of it until the verb that is at work has ended.
-
-    Raises:
-        InputError: as of `hold_folder`.
-    """
+    """Make a folder, and keep other runs out of it until the verb that is at work has ended."""
     from grasptrack.files import hold_folder
 
     _until_end.get().enter_context(hold_folder(output))

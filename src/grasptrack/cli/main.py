@@ -119,9 +119,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Args:
         arguments: without the program's name, none ask for help; None takes them from the process.
-
-    Returns:
-        The exit status.
     """
     status = run_app(app, (sys.argv[1:] if arguments is None else arguments) or ["--help"], "grasptrack")
     if arguments is None:  # this process has nothing else to do
@@ -130,16 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run_app(app: typer.Typer, arguments: Sequence[str], program: str) -> int:
-    """Run verbs so that each error becomes a line and an exit status.
-
-    Args:
-        app: of the verbs.
-        arguments: without the program's name.
-        program: its name, as in usage lines.
-
-    Returns:
-        The exit status.
-    """
+    """Run verbs so that each error becomes a line and an exit status."""
     with only_our_errors(), signals_as_interrupts() as struck:
         try:
             status = app(list(arguments), prog_name=program, standalone_mode=False)

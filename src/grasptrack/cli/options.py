@@ -108,11 +108,7 @@ class GivenGrasp:
     risk: Risk = 1e-3
 
     def given_contacts(self) -> Floats | None:
-        """Contacts (k, 2) px, or None.
-
-        Raises:
-            GraspError: not contacts, fewer than two fingers, or --fingers and --grasp disagree.
-        """
+        """Contacts (k, 2) px, or None."""
         fingers = self.fingers
         if self.grasp is None:
             if fingers is not None and fingers < 2:
@@ -130,10 +126,6 @@ class GivenGrasp:
 
         Args:
             at_most_three: it is 2 or 3 where a grasp is to be chosen.
-
-        Raises:
-            GraspError: as of `given_contacts`.
-            InputError: another number.
         """
         contacts = self.given_contacts()
         if contacts is not None:
@@ -160,11 +152,7 @@ class CarriedGrasp(GivenGrasp):
     next_object: bool = False
 
     def allowed_error(self, hand: HandSize) -> Length | None:
-        """The tolerance, mm in px by the hand's scale; None where it is the usual one.
-
-        Raises:
-            InputError: no length, or mm or inches without a scale.
-        """
+        """The tolerance, mm in px by the hand's scale; None where it is the usual one."""
         if self.tolerance is None:
             return None
         length = parse_scaled(self.tolerance, "--tolerance", hand.scale)
@@ -246,11 +234,7 @@ class HandSize:
     ] = None
 
     def make_hand(self) -> Hand:
-        """The hand; what was not given has the default.
-
-        Raises:
-            InputError: no length, mm or inches without a scale, or lengths that contradict each other.
-        """
+        """The hand; what was not given has the default."""
         from grasptrack.grasp.hand import Hand
 
         lengths = {name: text for name, text in vars(self).items() if text is not None and name != "scale"}
@@ -258,11 +242,7 @@ class HandSize:
         return Hand(**sizes, px_per_mm=_positive_scale(self.scale))
 
     def hand_for(self, grasp: CarriedGrasp) -> Hand | None:
-        """The hand for the grasp of the first image, or None where nothing was said of one.
-
-        Raises:
-            InputError: as of `make_hand`; or contacts are given, and nothing is ever chosen.
-        """
+        """The hand for the grasp of the first image, or None where nothing was said of one."""
         named = [_option_name(name) for name, text in vars(self).items() if text is not None]
         if grasp.tolerance is not None and named == ["--scale"]:  # it is that one's
             named = []
@@ -284,11 +264,7 @@ def _positive_scale(scale: float | None) -> float | None:
 
 
 def parse_scaled(text: str, written: str, scale: float | None) -> Length:
-    """The length of an option, as written in an image of so many px per mm.
-
-    Raises:
-        InputError: no length, no positive scale, or mm or inches without one.
-    """
+    """The length of an option, as written in an image of so many px per mm."""
     from grasptrack.grasp.hand import parse_length
 
     length = parse_length(text, written)
@@ -303,11 +279,7 @@ def parse_names(text: str | None) -> tuple[str, ...]:
 
 
 def one_of(option: str, text: str | None, choices: Sequence[str]) -> str | None:
-    """A word from a few; None where none was given.
-
-    Raises:
-        InputError: another word.
-    """
+    """A word from a few; None where none was given."""
     if text is not None and text not in choices:
         raise InputError(f'{option} is {", ".join(choices[:-1])} or {choices[-1]}, not "{text}"', text=text)
     return text
@@ -325,11 +297,7 @@ class SourceOptions:
     ] = None
 
     def camera_settings(self) -> dict[str, str]:
-        """The settings of --set by name.
-
-        Raises:
-            InputError: one that is not NAME=VALUE.
-        """
+        """The settings of --set by name."""
         found = {}
         for pair in self.set or ():
             name, sign, value = pair.partition("=")
@@ -373,11 +341,7 @@ class RecordingOptions:
         return [*(self.record or ()), *([] if self.jsonl in (None, "-") else [Path(self.jsonl or "")])]
 
     def open_recordings(self, asked: Mapping[str, Any]) -> list[Recording]:
-        """What the options ask for; recordings keep the options of `asked`.
-
-        Raises:
-            InputError: an option without the one it belongs to; a file that cannot be recorded to; an extra that is absent.
-        """
+        """What the options ask for; recordings keep the options of `asked`."""
         from grasptrack.io.recording import JsonLines, open_recording, tracking_options
 
         if self.record_quality is not None and not self.record:

@@ -199,11 +199,7 @@ STATUS_STYLE = {"tracked": "green", "unstable": "yellow", "lost": "red", "search
 
 
 class ProgressBar:
-    """A bar with frames/s, on a terminal only: output that goes to a file or a program stays clean.
-
-    Args:
-        quiet: show none.
-    """
+    """A bar with frames/s, on a terminal only: output that goes to a file or a program stays clean."""
 
     def __init__(self, quiet: bool) -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn, TimeRemainingColumn
@@ -358,10 +354,6 @@ def with_progress(output: Path, quiet: bool, work: Callable[[Progress], T], *, a
         quiet: show no bar.
         work: called with what tells of progress.
         again: what the same command would do, for the message.
-
-    Raises:
-        RunInterruptedError: Ctrl-C or SIGTERM.
-        InputError: the folder cannot be written, or another run writes to it.
     """
     from grasptrack.files import hold_folder
 

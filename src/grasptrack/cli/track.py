@@ -210,11 +210,7 @@ def _videos_of(source: str) -> dict[str, Path]:
 
 
 def _track_each(videos: Mapping[str, Path], output: Path, quiet: bool, track_one: Callable[..., None]) -> None:
-    """Track videos one after another; one that cannot be tracked keeps none of the others from it.
-
-    Raises:
-        InputError: some could not.
-    """
+    """Track videos one after another; one that cannot be tracked keeps none of the others from it."""
     import json
 
     rows, failed = [], dict[str, str]()

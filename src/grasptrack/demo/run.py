@@ -25,12 +25,7 @@ STRATEGIES = ("auto", "rrp", "grasp-line", "homography")
 
 
 class RenderedSource(Source):
-    """Frames that were rendered beforehand, so that rendering is no part of what is timed.
-
-    Args:
-        frames: the scene's.
-        fps: frames/s.
-    """
+    """Frames that were rendered beforehand, so that rendering is no part of what is timed."""
 
     kind = "scene"
 

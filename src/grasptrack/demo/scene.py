@@ -107,11 +107,7 @@ class DemoScene:
         return normalize_homography(self._table_to_image[index] @ np.linalg.inv(self._table_to_image[0]))
 
     def __getitem__(self, index: int) -> DemoFrame:
-        """One frame, the same whenever it is asked for.
-
-        Raises:
-            IndexError: there is no such frame.
-        """
+        """One frame, the same whenever it is asked for."""
         if not 0 <= index < self.count:
             raise IndexError(f"frame {index} of {self.count}")
         H, rng = self._table_to_image[index], np.random.default_rng((self._seed, 17, index))

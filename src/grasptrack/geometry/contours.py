@@ -462,20 +462,12 @@ def outline_like(value: Any) -> str:
 
 
 def as_outline(given: OutlineLike) -> Outline:
-    """A Contour or View as it is; of points (N, 2) px a Contour.
-
-    Raises:
-        ContourError: points that are none.
-    """
+    """A Contour or View as it is; of points (N, 2) px a Contour."""
     return given if isinstance(given, (Contour, View)) else Contour(given)
 
 
 def as_view(outline: OutlineLike) -> View:
-    """The outline as a View; a View comes back as it is.
-
-    Raises:
-        ContourError: points that are none.
-    """
+    """The outline as a View; a View comes back as it is."""
     return (
         outline
         if isinstance(outline, View)

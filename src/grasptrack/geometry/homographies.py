@@ -110,15 +110,7 @@ def judge_distortion(H: Floats, in_front: float, determinant: float, ratio: floa
 
 
 def check_in_front(H: Floats, in_front: float) -> None:
-    """Refuse a homography that carries points to infinity or behind the camera.
-
-    Args:
-        H: (3, 3).
-        in_front: the least lambda of eq. (2), after the sign of the first one.
-
-    Raises:
-        ConditioningError: it is not above 0.
-    """
+    """Refuse a homography that carries points to infinity or behind the camera."""
     if not in_front > HORIZON:
         raise behind_camera_error(H)
 

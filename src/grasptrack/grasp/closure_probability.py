@@ -254,9 +254,6 @@ def chance_of_closing(
     Returns:
         NaN where the covariance or the homography is not finite. With a joint covariance, one less the sum of the chances
         to leave a region, which is never too much, where that sum is below SURE or there are more than 3 contacts.
-
-    Raises:
-        InputError: a covariance of another shape.
     """
     k = len(regions.contacts)
     if covariance.shape not in ((k, 2, 2), (2 * k, 2 * k)):

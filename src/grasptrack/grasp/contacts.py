@@ -90,11 +90,7 @@ class Grasp:
 
 
 def parse_contacts(text: str) -> Floats:
-    """Contacts from ``"x1,y1 x2,y2 ..."`` in px, as `--grasp` takes them.
-
-    Raises:
-        GraspError: anything else.
-    """
+    """Contacts from ``"x1,y1 x2,y2 ..."`` in px, as `--grasp` takes them."""
     try:
         pairs = [tuple(float(v) for v in part.split(",")) for part in text.split()]
     except ValueError:

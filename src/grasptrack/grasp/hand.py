@@ -61,11 +61,7 @@ CLEARANCE = Length(0.03, "size")
 
 
 def parse_length(text: str, name: str) -> Length:
-    """A length from "120", "120px", "40mm", "4cm", "0.04m", "1.6in", "1.6inch" or "30%", a share of the object's sqrt(area).
-
-    Raises:
-        InputError: anything else, or not positive.
-    """
+    """A length from "120", "120px", "40mm", "4cm", "0.04m", "1.6in", "1.6inch" or "30%", a share of the object's sqrt(area)."""
     match = re.fullmatch(_NUMBER + r"(px|mm|cm|m|in|inch|%)?\s*", text)
     value = float(match[1]) if match else math.nan
     if match is None or not value > 0.0:
@@ -90,11 +86,7 @@ class Measure(NamedTuple):
 
 
 def parse_measure(text: str, name: str) -> Measure:
-    """A length of the world from "120mm", "12 cm", "0.12m" or "4.7in".
-
-    Raises:
-        InputError: anything else, or not positive.
-    """
+    """A length of the world from "120mm", "12 cm", "0.12m" or "4.7in"."""
     match = re.fullmatch(_NUMBER + r"(mm|cm|m|in)\s*", text)
     value = float(match[1]) if match else math.nan
     if match is None or not value > 0.0:
@@ -178,11 +170,7 @@ class Hand:
 
 
 def checked_length(given: Length | float | str, name: str) -> Length:
-    """A length as users give it to a parameter of this name.
-
-    Raises:
-        InputError: of another type, or a text that is none.
-    """
+    """A length as users give it to a parameter of this name."""
     if isinstance(given, str):
         return parse_length(given, name)
     wanted = "" if isinstance(given, Length) else arguments.number(given)

@@ -54,11 +54,7 @@ class Frame:
 
 
 class _GoingTimes:
-    """Times of frames, which go on where a device's clock is set back.
-
-    Attributes:
-        latest: s, of the last frame that had one.
-    """
+    """Times of frames, which go on where a device's clock is set back."""
 
     def __init__(self) -> None:
         self.latest = -math.inf
@@ -136,11 +132,7 @@ class Source(ABC):
         """
 
     def start_at(self, frame: int) -> Source:
-        """The source itself, to be iterated over from the frame of this index on; frames keep their indices and times.
-
-        Raises:
-            SourceError: it is live, or known to end before; where that is not known, iterating raises it.
-        """
+        """The source itself, to be iterated over from the frame of this index on; frames keep their indices and times."""
         if frame and self.live:
             raise SourceError(f'"{self.spec}" is live and begins with the image that comes, not with frame {frame}')
         if self.exact and self.count is not None and frame >= self.count:

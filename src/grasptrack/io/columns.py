@@ -180,14 +180,7 @@ def csv_columns(fingers: int) -> list[str]:
 
 
 def csv_cells(result: TrackResult, index: int, time: float | None, fingers: int) -> list[str]:
-    """A row of grasps.csv.
-
-    Args:
-        result: the tracker's answer.
-        index: the frame's number in its source.
-        time: the frame's time, s.
-        fingers: number of contacts that there are columns for.
-    """
+    """A row of grasps.csv."""
     of_frame = {"frame": index, "time_s": time, "last_seen": _frames_of(result, index)}
     cells: list[str] = []
     for column in COLUMNS:
@@ -209,13 +202,7 @@ def _format_cell(value: Any, digits: str) -> str:
 
 
 def result_fields(frame: Frame, result: TrackResult, *, outline: bool = False) -> dict[str, Any]:
-    """One frame as JSON has it; what does not exist is None. Lengths are in px of grasps.csv, angles in degrees.
-
-    Args:
-        frame: the image.
-        result: the tracker's answer.
-        outline: tell the outline that was observed, the outer contour first, then holes.
-    """
+    """One frame as JSON has it; what does not exist is None. Lengths are in px of grasps.csv, angles in degrees."""
     fields = {name: NAMED[name].shown_value(result) for name in IN_JSON}
     fields |= {"frame": frame.index, "time_s": frame.time, "last_seen": _frames_of(result, frame.index)}
     if outline:

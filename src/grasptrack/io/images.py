@@ -61,11 +61,7 @@ def is_image_file(path: Path) -> bool:
 
 
 def images_in(folder: Path) -> list[Path]:
-    """The images of a folder in natural order of names; other files are passed over.
-
-    Raises:
-        SourceError: none there, or the folder cannot be listed.
-    """
+    """The images of a folder in natural order of names; other files are passed over."""
     try:
         found = [p for p in folder.iterdir() if is_image_file(p) and p.is_file()]
     except OSError as error:
@@ -76,11 +72,7 @@ def images_in(folder: Path) -> list[Path]:
 
 
 def images_matching(pattern: str) -> list[Path]:
-    """The images that a pattern with *, ? or [] names, in natural order.
-
-    Raises:
-        SourceError: none; the message says why that may be.
-    """
+    """The images that a pattern with *, ? or [] names, in natural order."""
     files = files_matching(pattern)
     found = [path for path in files if is_image_file(path)]
     if not found:
@@ -105,20 +97,12 @@ def _bracket_hint(pattern: str) -> str:
 
 
 def read_image(path: Path) -> Image:
-    """An image as its file has it: any depth, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4).
-
-    Raises:
-        SourceError: missing, truncated, no image, or above the limit of size (`grasptrack.io.limits`).
-    """
+    """An image as its file has it: any depth, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4)."""
     return decode_image(read_file(path), f'image "{path}"')
 
 
 def read_file(path: Path) -> bytes:
-    """What an image's file holds.
-
-    Raises:
-        SourceError: it cannot be read.
-    """
+    """What an image's file holds."""
     try:
         if path.is_char_device():  # it may have no end
             raise SourceError(f'image "{path}" is a device, not a file', path=str(path))
@@ -128,11 +112,7 @@ def read_file(path: Path) -> bytes:
 
 
 def decode_image(data: bytes, name: str) -> Image:
-    """The same from a file's content.
-
-    Raises:
-        SourceError: truncated, no image, or above the limit of size.
-    """
+    """The same from a file's content."""
     if not data:
         raise SourceError(f"{name} is empty", name=name)
     size = image_size_in_header(data)
@@ -223,11 +203,7 @@ def _tiff_page(image: Image | None, data: bytes, page: int) -> Image | None:
 
 
 def count_images(data: bytes, name: str) -> int:
-    """How many images of its own a file holds.
-
-    Raises:
-        SourceError, InputError: above the limit of size, or of a format for which an extra is needed.
-    """
+    """How many images of its own a file holds."""
     if not format_for_pillow(data):
         return len(pages_of(data))
     picture = _open_picture(data, name)
@@ -260,13 +236,7 @@ class ImageSource(Source):
 
 
 class PagesSource(Source):
-    """The images of one file, in order: a TIFF of several pages, a WebP or PNG that moves, a HEIC or AVIF of several images.
-
-    Args:
-        path: of the file.
-        count: as `count_images` has it.
-        fps: as for every source.
-    """
+    """The images of one file, in order: a TIFF of several pages, a WebP or PNG that moves, a HEIC or AVIF of several images."""
 
     kind = "stack"
 
@@ -343,9 +313,6 @@ def encode_image(image: NDArray[np.uint8], quality: int | None) -> tuple[bytes, 
     Args:
         image: grey (H, W) or BGR (H, W, 3).
         quality: 1 to 100, of a JPEG; None for PNG.
-
-    Raises:
-        InputError: as of `encode_jpeg`.
     """
     if quality is None:
         return cv2.imencode(".png", image, _FAST)[1].tobytes(), "png"

@@ -25,23 +25,12 @@ _asked: ContextVar[float | None] = ContextVar("max_megapixels", default=None)
 
 
 def limit_megapixels(most: float | None) -> None:
-    """Set the limit of what is read from now on in this context; None takes the default.
-
-    Args:
-        most: 10^6 px of an image or of a frame of a video.
-
-    Raises:
-        InputError: not a number above 0.
-    """
+    """Set the limit of what is read from now on in this context; None takes the default."""
     _asked.set(None if most is None else _positive_number(most, "max_megapixels"))
 
 
 def max_megapixels() -> float:
-    """The limit, in 10^6 px.
-
-    Raises:
-        InputError: the environment variable holds no number above 0.
-    """
+    """The limit, in 10^6 px."""
     asked = _asked.get()
     if asked is not None:
         return asked
@@ -50,15 +39,7 @@ def max_megapixels() -> float:
 
 
 def check_size(width: int, height: int, name: str) -> None:
-    """See that an image is not above the limit.
-
-    Args:
-        width, height: px, as its header says.
-        name: of the image, for the message.
-
-    Raises:
-        SourceError: it is.
-    """
+    """See that an image is not above the limit."""
     most = max_megapixels()
     if width * height > most * 1e6:
         raise SourceError(

@@ -263,11 +263,7 @@ class Address(NamedTuple):
 
 
 def parse_address(spec: str, settings: Mapping[str, str] | None = None) -> Address:
-    """Take a name apart.
-
-    Raises:
-        SourceError: after the question mark there is something that is not NAME=VALUE.
-    """
+    """Take a name apart."""
     where, mark, query = spec.partition(":")[2].partition("?")
     try:
         pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=True) if mark else []
@@ -277,20 +273,12 @@ def parse_address(spec: str, settings: Mapping[str, str] | None = None) -> Addre
 
 
 def take_patience(settings: dict[str, str]) -> float:
-    """Take the setting `wait` out of the others, in s.
-
-    Raises:
-        SourceError: it is no positive number.
-    """
+    """Take the setting `wait` out of the others, in s."""
     return take_number(settings, "wait", PATIENCE)
 
 
 def take_number(settings: dict[str, str], name: str, otherwise: float) -> float:
-    """Take a setting that is a positive number out of the others.
-
-    Raises:
-        SourceError: it is none.
-    """
+    """Take a setting that is a positive number out of the others."""
     text = settings.pop(name, None)
     if text is None:
         return otherwise
@@ -304,11 +292,7 @@ def take_number(settings: dict[str, str], name: str, otherwise: float) -> float:
 
 
 def take_size(settings: dict[str, str]) -> tuple[int, int] | None:
-    """Take the setting `size`, as 1280x720, out of the others: width and height in px.
-
-    Raises:
-        SourceError: it is written otherwise.
-    """
+    """Take the setting `size`, as 1280x720, out of the others: width and height in px."""
     text = settings.pop("size", None)
     if text is None:
         return None

@@ -23,9 +23,6 @@ class Masks:
 
     Where the stems of the masks' names are those of the frames' files, they are matched by name, and masks without a
     frame are passed over. Else the n-th mask in natural order belongs to the n-th frame, and there must be as many.
-
-    Raises:
-        SourceError: a frame without mask, another number of masks than of frames, or a mask of another size.
     """
 
     def __init__(self, spec: str, paths: list[Path], source: Source | None = None) -> None:
@@ -60,11 +57,7 @@ class Masks:
         return iter(self._paths)
 
     def mask_for(self, frame: Frame) -> Mask:
-        """(H, W) uint8, 255 where the frame's mask has an object, else 0.
-
-        Raises:
-            SourceError: no mask for this frame, unreadable, or of another size than the frame.
-        """
+        """(H, W) uint8, 255 where the frame's mask has an object, else 0."""
         if self._by_stem is not None:
             path = self._by_stem.get(Path(frame.name).stem)
         else:
@@ -85,11 +78,7 @@ class Masks:
 
 
 def open_masks(spec: str | os.PathLike[str], source: Source | None = None) -> Masks:
-    """Masks in a folder, of a glob, or in one file, for the frames of a source.
-
-    Raises:
-        SourceError: no mask there, or masks that do not match the source's frames.
-    """
+    """Masks in a folder, of a glob, or in one file, for the frames of a source."""
     text = os.fspath(spec)
     path = Path(text)
     if path.is_dir():
@@ -109,9 +98,6 @@ def read_mask(path: str | os.PathLike[str], *, parted: bool = False) -> Mask:
     Args:
         path: of the file.
         parted: instances that touch, each of a value or a colour of its own, are kept apart (`images.part_instances`).
-
-    Raises:
-        SourceError: missing or unreadable.
     """
     file = Path(path)
     image = read_image(file)

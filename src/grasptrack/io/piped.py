@@ -153,16 +153,7 @@ def _jpeg_length(reader: _Reader) -> int:
 
 
 def open_piped(spec: str, fps: float | None = None, settings: Mapping[str, str] | None = None) -> PipedSource:
-    """The standard input as a source.
-
-    Args:
-        spec: ``-``.
-        fps: as for every source.
-        settings: must be empty.
-
-    Raises:
-        SourceError: settings; while iterating, a terminal, nothing, or neither images nor a video.
-    """
+    """The standard input as a source."""
     if settings:
         raise SourceError("the standard input has no settings: --set is for cameras, streams and bags")
     return PipedSource(spec, fps)

@@ -76,11 +76,7 @@ _ROS = {
 
 
 def genicam_format(name: str) -> PixelFormat:
-    """A format by its name in GenICam: Mono12, BayerRG10p, RGB8, BGRa8Packed.
-
-    Raises:
-        SourceError: none that is read.
-    """
+    """A format by its name in GenICam: Mono12, BayerRG10p, RGB8, BGRa8Packed."""
     if name in _YUV:
         return PixelFormat(2, 8, _YUV[name])
     mono = re.fullmatch(r"(?:Mono|Bayer(RG|GR|GB|BG))(8|10|12|14|16)(p|Packed|)", name)
@@ -96,11 +92,7 @@ def genicam_format(name: str) -> PixelFormat:
 
 
 def ros_format(encoding: str) -> PixelFormat:
-    """A format by its name in sensor_msgs/Image and foxglove.RawImage.
-
-    Raises:
-        SourceError: none that is read.
-    """
+    """A format by its name in sensor_msgs/Image and foxglove.RawImage."""
     found = _ROS.get(encoding) or _ROS.get(encoding.lower())
     if found is None:
         raise SourceError(
@@ -121,9 +113,6 @@ def raw_image(
         form: how they are to be read.
         step: bytes from a row to the next; 0 where nothing lies between them.
         big_endian: the higher byte of 16 comes first.
-
-    Raises:
-        SourceError: fewer bytes than so many pixels need.
     """
     if form.packed:
         return _unpack_values(data, width, height, form)

@@ -59,9 +59,6 @@ def open_recording(path: Path, *, quality: int | None = None, options: Callable[
 
     Whoever writes waits only where as many images wait already as are held at most (`grasptrack.io.limits.most_held`); none
     is lost. What goes wrong in writing is raised by the next `write`, or by `close`.
-
-    Raises:
-        InputError: as of `create_recording`.
     """
     return BackgroundRecording(create_recording(path, quality=quality, options=options))
 
@@ -129,9 +126,6 @@ class JsonLines:
     Args:
         path: the file, written over; ``-`` for the standard output.
         outline: tell the outline, too: some 300 points a line.
-
-    Raises:
-        InputError: the file cannot be written.
     """
 
     def __init__(self, path: Path, *, outline: bool = False) -> None:
@@ -155,11 +149,7 @@ class JsonLines:
 
 
 def check_writable(path: Path) -> None:
-    """Make a file empty.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Make a file empty."""
     try:
         path.open("wb").close()
     except OSError as error:

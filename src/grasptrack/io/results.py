@@ -31,9 +31,6 @@ class GraspsCsv:
     Args:
         path: the file, written over.
         fingers: number of contacts, k.
-
-    Raises:
-        OSError: it cannot be written.
     """
 
     def __init__(self, path: Path, fingers: int) -> None:
@@ -48,11 +45,7 @@ class GraspsCsv:
             raise
 
     def write(self, result: TrackResult, index: int, time: float | None) -> None:
-        """Add the row of one frame, arguments as of `csv_cells`.
-
-        Raises:
-            OSError: it cannot be written; the file ends with the row before.
-        """
+        """Add the row of one frame, arguments as of `csv_cells`."""
         self._write_row(csv_cells(result, index, time, self._fingers))
 
     def _write_row(self, cells: Sequence[str]) -> None:

@@ -88,11 +88,7 @@ class _Topic:
             raise
 
     def _find_type(self, spec: str, topic: str, domain: int) -> str:
-        """The type of the topic's messages.
-
-        Raises:
-            SourceError: nobody publishes it, or it is no image.
-        """
+        """The type of the topic's messages."""
         until, there = time.monotonic() + _LOOKING_S, list[Published]()
         while True:
             replies = self._session.liveliness().get(f"@ros2_lv/{domain}/**", timeout=_WAIT_S)
@@ -139,13 +135,8 @@ def open_topic(spec: str, fps: float | None = None, settings: Mapping[str, str] 
 
     Args:
         spec: ``ros2:/topic``.
-        fps: must be None.
         settings: `connect`, zenoh's address of the router [tcp/localhost:7447]; `domain` [``ROS_DOMAIN_ID``, or 0]; `bits`, as
             for bags; `wait`, s without an image after which it is given up.
-
-    Raises:
-        InputError: eclipse-zenoh or rosbags is not installed.
-        SourceError: no topic, or no such setting; while iterating, no router, or nobody publishes it.
     """
     import_extra("zenoh", "zenoh", "a topic of ROS 2")
     import_extra("rosbags", "zenoh", "a topic of ROS 2")

@@ -119,11 +119,7 @@ def _close_after_all(recording: Recording) -> None:
 
 
 def prepare_output(output: Path) -> None:
-    """Make the folder of a run and remove an earlier run's files from it.
-
-    Raises:
-        InputError: it cannot be made, or not be written to, or holds a file of such a name that no run wrote.
-    """
+    """Make the folder of a run and remove an earlier run's files from it."""
     keep_inputs((output / name for name in FILES), ())
     prepare_folder(output)
     pictures = {"candidates.png"} & written_before(output)

@@ -82,11 +82,7 @@ def open_stream(spec: str, fps: float | None = None, settings: Mapping[str, str]
 
     Args:
         spec: its address, whose query is the server's.
-        fps: must be None.
         settings: `wait`, s without an image after which it is given up; all else is FFmpeg's, as `rtsp_transport`.
-
-    Raises:
-        SourceError: no address; while iterating, nobody answers there, or what comes is no video.
     """
     told = urlsplit(spec)
     if not told.hostname and told.scheme != "udp":

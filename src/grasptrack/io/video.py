@@ -135,11 +135,7 @@ class VideoSource(Source):
 
 
 def check_stream(container: Any, name: str) -> None:
-    """See that what was opened holds a video of a size that is read, and limit its decoder to that.
-
-    Raises:
-        SourceError: no video, or above the limit of size.
-    """
+    """See that what was opened holds a video of a size that is read, and limit its decoder to that."""
     tiles = len(container.streams.video)
     if tiles > 1 and container.metadata.get("major_brand", "").strip() in _STILLS:
         raise SourceError(
@@ -266,9 +262,6 @@ class VideoWriter:
     Args:
         path: the file, written over.
         fps: frames/s, constant; None, or what is beyond belief, for 25.
-
-    Raises:
-        InputError: PyAV was built without an H.264 encoder.
     """
 
     def __init__(self, path: Path, fps: float | None = None) -> None:

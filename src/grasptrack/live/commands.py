@@ -139,11 +139,7 @@ class Fingertips:
     symmetric: bool = True
 
     def servo_goal(self) -> Goal:
-        """The servo's goal.
-
-        Raises:
-            InputError: as of `Goal.fingertips`.
-        """
+        """The servo's goal."""
         return Goal.fingertips(self.points, self.opening_m, beyond_m=self.beyond_m, symmetric=self.symmetric)
 
 
@@ -175,11 +171,7 @@ COMMANDS: dict[str, type[Any]] = {kind.__name__.lower(): kind for kind in get_ar
 
 
 def parse_message(text: str | bytes) -> dict[str, Any]:
-    """The JSON object of a message.
-
-    Raises:
-        InputError: too long, no JSON, or no object.
-    """
+    """The JSON object of a message."""
     if len(text) > LARGEST:
         raise InputError(f"a message has at most {LARGEST} bytes, not {len(text)}")
     try:
@@ -192,11 +184,7 @@ def parse_message(text: str | bytes) -> dict[str, Any]:
 
 
 def command_of(content: dict[str, Any]) -> Command:
-    """The command that a message gives.
-
-    Raises:
-        InputError: an unknown command, a key that it does not have, one that is missing, or a value of another kind.
-    """
+    """The command that a message gives."""
     name = content.get("do")
     kind = COMMANDS.get(name) if isinstance(name, str) else None
     if kind is None:
@@ -228,11 +216,7 @@ def _check_ranges(command: Command) -> None:
 
 
 def _parse_value(value: Any, wanted: Any, name: str) -> Any:
-    """A value of a field's type.
-
-    Raises:
-        InputError: it is of another.
-    """
+    """A value of a field's type."""
     if wanted is bool:
         if not isinstance(value, bool):
             raise InputError(f"{name} is true or false, not {_short_json(value)}")

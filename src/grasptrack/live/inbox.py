@@ -44,11 +44,7 @@ class KeptImages:
             self._kept.popitem(last=False)
 
     def get_image(self, image: int) -> Arrival:
-        """An image that a person saw.
-
-        Raises:
-            InputError: it is too long ago, or was never there.
-        """
+        """An image that a person saw."""
         if image not in self._kept:
             raise InputError(f"image {image} is not kept any more: pause first, or try again")
         return self._kept[image]
@@ -64,11 +60,7 @@ class Inbox:
         self._closed = False
 
     def tell(self, what: Any, *, bounded: bool = True) -> None:
-        """Add what the session's thread shall do; its own helpers' answers are not bounded.
-
-        Raises:
-            InputError: too much waits already.
-        """
+        """Add what the session's thread shall do; its own helpers' answers are not bounded."""
         with self._changed:
             if bounded and len(self._told) >= MOST:
                 raise InputError("too many commands at once: this one was dropped")

@@ -39,9 +39,6 @@ class SessionLoop(ABC):
     Attributes:
         curves: of the last images.
         summary: of the run, once it has ended; None where it could not be written.
-
-    Raises:
-        InputError: the folder cannot be written.
     """
 
     def __init__(
@@ -108,11 +105,7 @@ class SessionLoop(ABC):
         return remove_listener
 
     def send_command(self, command: Command) -> None:
-        """Say something; what cannot be done is told in `Shown.notice`.
-
-        Raises:
-            InputError: too much waits already.
-        """
+        """Say something; what cannot be done is told in `Shown.notice`."""
         self._inbox.tell(command)
 
     def written_file(self, name: str) -> Path | None:

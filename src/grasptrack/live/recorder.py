@@ -77,11 +77,7 @@ class Recordings:
         return (0, 0) if self._present is None else (self._present.written, self._present.dropped)
 
     def start(self) -> None:
-        """Begin one, unless one is going on.
-
-        Raises:
-            InputError: it cannot be written.
-        """
+        """Begin one, unless one is going on."""
         if self._present is not None:
             return
         self._how = how = _How()

@@ -76,9 +76,6 @@ class PageServer:
     Attributes:
         urls: under which the page can be reached, with the token; `url` is the first of them.
         hub: its `round_trips` are s from when an image came out of its source until a browser said that it is drawn.
-
-    Raises:
-        InputError: the address cannot be bound.
     """
 
     def __init__(
@@ -324,11 +321,7 @@ class Conversation:
 
 
 def bind_socket(host: str, port: int) -> Door:
-    """A socket that listens.
-
-    Raises:
-        InputError: the address cannot be bound.
-    """
+    """A socket that listens."""
     try:
         family, kind, proto, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         listener = Door(family, kind, proto)

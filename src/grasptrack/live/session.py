@@ -58,9 +58,6 @@ class LiveSession(SessionLoop):
         options: what the user asked for, for run.json.
         record_as: suffix of recordings: ".mp4", or one of `grasptrack.io.recording.SUFFIXES`.
         pace: play files at their own rate; without, as fast as they are tracked.
-
-    Raises:
-        InputError: the folder cannot be written.
     """
 
     def __init__(

@@ -60,11 +60,7 @@ class Settings:
         }
 
     def make_tracker(self, meant: FirstImage) -> GraspTracker:
-        """A tracker that has seen no image.
-
-        Raises:
-            InputError: what does not go together.
-        """
+        """A tracker that has seen no image."""
         fingers = self.fingers if meant.grasp is None else len(meant.grasp)
         known = {name: value for name, value in vars(self).items() if name != "unit"}
         return GraspTracker(**meant.tracker_arguments(), **{**known, "fingers": fingers})

@@ -72,11 +72,7 @@ class NetModel(NamedTuple):
         return sum(file.megabytes for file in self.files)
 
     def make(self, argument: str = "") -> Segmenter:
-        """The segmenter.
-
-        Raises:
-            InputError: the files are not here, or cannot be read.
-        """
+        """The segmenter."""
         files = installed_files(self)
         return SalientNet(files[0], self.side) if self.side is not None else PromptableNet(files[0], files[1])
 
@@ -164,11 +160,7 @@ def is_installed(model: NetModel) -> bool:
 
 
 def installed_files(model: NetModel) -> tuple[Path, ...]:
-    """The files of a model that is there.
-
-    Raises:
-        InputError: it is not; the message says how to get it.
-    """
+    """The files of a model that is there."""
     if not is_installed(model):
         raise InputError(
             f'model "{model.name}" ({model.megabytes:g} MB) is not here; grasptrack models get {model.name} downloads it',
@@ -178,11 +170,7 @@ def installed_files(model: NetModel) -> tuple[Path, ...]:
 
 
 def download_model(model: NetModel) -> tuple[Path, ...]:
-    """Fetch the files of a model of MODELS, check their hashes, and keep them.
-
-    Raises:
-        InputError: one cannot be reached, or what came is another file, which is not kept then.
-    """
+    """Fetch the files of a model of MODELS, check their hashes, and keep them."""
     paths = model_paths(model)
     for file, path in zip(model.files, paths, strict=True):
         _download_file(model.name, file, path)

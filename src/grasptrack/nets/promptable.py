@@ -105,13 +105,6 @@ class PromptableNet:
 
     An encoder takes (H, W, 3), red first, 0 to 255, or (1, 3, S, S), normalised with ImageNet's mean and deviation, the image
     at the upper left and zeros round it (SAM), or stretched to the square (SAM 2).
-
-    Args:
-        encoder: path of its file.
-        decoder: path of its file.
-
-    Raises:
-        InputError: no onnxruntime, no such file, none that can be read, or inputs and outputs of an unknown export.
     """
 
     def __init__(self, encoder: str | Path, decoder: str | Path) -> None:
@@ -262,11 +255,7 @@ class PromptableFiles:
     usage = "ENCODER,DECODER"
 
     def make(self, argument: str) -> PromptableNet:
-        """See SegmenterMaker.
-
-        Raises:
-            InputError: it names none, or as of `PromptableNet`.
-        """
+        """See SegmenterMaker."""
         encoder, comma, decoder = argument.partition(",")
         if comma:
             return PromptableNet(encoder.strip(), decoder.strip())
@@ -308,11 +297,7 @@ def _prompts_for(size: tuple[int, ...], hints: FirstImage) -> list[tuple[Floats,
 
 
 def _open_session(path: Path) -> Any:
-    """A file as onnxruntime runs it.
-
-    Raises:
-        InputError: no onnxruntime, no such file, or none that can be read.
-    """
+    """A file as onnxruntime runs it."""
     try:
         import onnxruntime
     except ImportError:
@@ -328,11 +313,7 @@ def _open_session(path: Path) -> Any:
 
 
 def _run_session(session: Any, feed: dict[str, NDArray[Any]], path: Path) -> dict[str, NDArray[Any]]:
-    """All outputs by name.
-
-    Raises:
-        InputError: the net does not run on that.
-    """
+    """All outputs by name."""
     try:
         values = session.run(None, feed)
     except Exception as error:  # see _open_session

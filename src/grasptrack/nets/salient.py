@@ -32,9 +32,6 @@ class SalientNet:
     Args:
         path: of the ONNX file.
         side: px, side of the square that the net takes.
-
-    Raises:
-        InputError: no file, or none that OpenCV can read as a net.
     """
 
     def __init__(self, path: str | Path, side: int = SIDE) -> None:
@@ -56,11 +53,7 @@ class SalientNet:
         return [Region(plain, is_vote=True), Region(mirrored, is_vote=True)]
 
     def saliency_map(self, image: Pixels) -> Floats32:
-        """(H, W) 0 to 1, how salient each pixel of an image (H, W) or BGR (H, W, 3) is.
-
-        Raises:
-            InputError: the net does not map an image to an image.
-        """
+        """(H, W) 0 to 1, how salient each pixel of an image (H, W) or BGR (H, W, 3) is."""
         colours = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
         small = cv2.resize(colours, (self.side, self.side), interpolation=cv2.INTER_LINEAR)[:, :, ::-1]
         bright = np.asarray(small, dtype=np.float32) / np.float32(max(float(small.max()), 1.0))

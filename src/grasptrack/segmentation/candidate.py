@@ -351,11 +351,7 @@ def distinct_candidates(found: Sequence[Candidate], most: int = 3) -> list[Candi
 
 
 def numbered_candidate(found: Sequence[Candidate], number: int | None) -> Candidate:
-    """Of the candidates that a person would tell apart the one with a number, 1 being the likeliest; the likeliest of None.
-
-    Raises:
-        InputError: there are fewer.
-    """
+    """Of the candidates that a person would tell apart the one with a number, 1 being the likeliest; the likeliest of None."""
     distinct = distinct_candidates(found, number or 1)
     if len(distinct) < (number or 1):
         raise InputError(f"there are {len(distinct)} candidates, not {number}", number=number)

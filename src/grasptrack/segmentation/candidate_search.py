@@ -126,11 +126,7 @@ class CandidateSearch:
         self.meant = [p for p in self._proposals if is_allowed(p.silhouette, said)]
 
     def best_candidates(self) -> list[Candidate]:
-        """Contours of the likeliest proposals, the likeliest first.
-
-        Raises:
-            ObservationError: what a person drew is too small, or beyond the image.
-        """
+        """Contours of the likeliest proposals, the likeliest first."""
         if self._said.outline is not None:
             found = [self._drawn_candidate(self._said.outline)]
         else:
@@ -214,9 +210,6 @@ class CandidateSearch:
     def _drawn_candidate(self, polygon: Floats) -> Candidate:
         """What a rough polygon is: the best rated proposal that agrees with it all round, else the polygon moved onto the edges
         beside it.
-
-        Raises:
-            ObservationError: it is too small, or beyond the image.
         """
         for p in sorted(self._proposals, key=lambda p: -p.comparison_order):
             if _is_beside(p.silhouette, polygon) and outline_agreement(p.silhouette, polygon, AGREEING) >= ALL_ROUND:

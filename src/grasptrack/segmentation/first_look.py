@@ -119,9 +119,6 @@ def find_objects(
         said: which object is meant.
         mask: as of `first_look`.
         segmenter: proposes regions beside the own search.
-
-    Raises:
-        ObservationError, InputError: as `first_look`; or there are fewer candidates than the number that was taken.
     """
     said = FirstImage() if said is None else said
     meant = others = look_for(image, said, segmenter, mask)
@@ -136,12 +133,7 @@ def find_objects(
 def find_candidates(
     colours: Pixels, said: FirstImage | None = None, segmenter: Segmenter | None = None
 ) -> list[Candidate]:
-    """As `first_look`, of an image (H, W) or BGR (H, W, 3) of 8 bits, and of what is said that fits it.
-
-    Raises:
-        ObservationError: no object, or none there.
-        InputError: a segmenter's region of another size.
-    """
+    """As `first_look`, of an image (H, W) or BGR (H, W, 3) of 8 bits, and of what is said that fits it."""
     said = FirstImage() if said is None else said
     look = CandidateSearch(colours, said, segmenter)
     found = look.best_candidates()

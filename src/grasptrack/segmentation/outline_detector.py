@@ -146,11 +146,7 @@ class OutlineDetector:
         self._last_contrast = math.nan
 
     def set_image(self, image: NDArray[Any]) -> Grey:
-        """The next image in the mixture of colours that shows the object best.
-
-        Raises:
-            SourceError: an image that cannot be used.
-        """
+        """The next image in the mixture of colours that shows the object best."""
         self._levels.clear()  # keyed by the ids of views, which later views may reuse
         self.colours = to_bgr(image)
         if self.hidden is not None and self.hidden.shape == self.colours.shape[:2]:
@@ -164,9 +160,6 @@ class OutlineDetector:
         Args:
             said: what is known of it; `hidden` is this detector's own.
             segmenter: proposes regions beside the own search.
-
-        Raises:
-            ObservationError: none.
         """
         return find_candidates(self.colours, replace(said, hidden=self.hidden), segmenter)
 

@@ -41,11 +41,7 @@ class Region(NamedTuple):
     is_vote: bool = False
 
     def as_map(self, size: tuple[int, ...]) -> Floats32:
-        """(H, W) 0 to 1, how likely each pixel belongs to it.
-
-        Raises:
-            InputError: a mask of another size.
-        """
+        """(H, W) 0 to 1, how likely each pixel belongs to it."""
         mask = np.asarray(self.mask)
         if not np.issubdtype(mask.dtype, np.floating):
             return np.asarray(to_mask(mask, tuple(size), "segmenter's mask") / FULL, dtype=np.float32)
@@ -61,12 +57,7 @@ class Segmenter(Protocol):
     """Proposes regions of an image. They pass through the same sub-pixel localisation as all others."""
 
     def regions(self, image: Pixels, hints: FirstImage) -> Sequence[Region]:
-        """Regions that may be the object, the likeliest first.
-
-        Args:
-            image: (H, W) or BGR (H, W, 3).
-            hints: what a person said of it.
-        """
+        """Regions that may be the object, the likeliest first."""
         ...
 
 
@@ -90,11 +81,7 @@ class SegmenterMaker(Protocol):
     usage: str
 
     def make(self, argument: str) -> Segmenter:
-        """The segmenter; of what stands behind the colon.
-
-        Raises:
-            InputError: it cannot be had.
-        """
+        """The segmenter; of what stands behind the colon."""
         ...
 
 
@@ -114,11 +101,7 @@ class OneMask:
 
 
 def asked_regions(segmenter: Segmenter, image: Pixels, hints: FirstImage) -> list[Region]:
-    """What a segmenter proposes.
-
-    Raises:
-        InputError: what it returns are no regions.
-    """
+    """What a segmenter proposes."""
     given: Any = segmenter.regions(image, hints)
     found = list(given) if isinstance(given, Iterable) else [given]
     if not all(isinstance(each, Region) for each in found):
@@ -129,9 +112,6 @@ def asked_regions(segmenter: Segmenter, image: Pixels, hints: FirstImage) -> lis
 def region_maps(regions: Sequence[Region], size: tuple[int, ...]) -> tuple[list[Floats32], list[Floats32]]:
     """Maps (H, W), 0 to 1, in which regions are looked for, and those that a region may agree with: the mean of all votes, and
     each alternative times its probability.
-
-    Raises:
-        InputError: a mask of another size.
     """
     shown: list[Floats32] = []
     votes: list[Floats32] = []
@@ -149,14 +129,7 @@ def region_maps(regions: Sequence[Region], size: tuple[int, ...]) -> tuple[list[
 
 
 def segmenter_for(what: Any) -> Segmenter | None:
-    """The segmenter that a user means; None where the own search is all.
-
-    Args:
-        what: see the module.
-
-    Raises:
-        InputError: no such model or segmenter, or one that cannot be had.
-    """
+    """The segmenter that a user means; None where the own search is all."""
     if what is None or (isinstance(what, str) and what == CLASSICAL):
         return None
     if isinstance(what, str):
@@ -173,11 +146,7 @@ def segmenter_for(what: Any) -> Segmenter | None:
 
 
 def _named_segmenter(text: str) -> Any:
-    """What is registered under a name, made of what stands behind the colon.
-
-    Raises:
-        InputError: none of that name, or it cannot be had.
-    """
+    """What is registered under a name, made of what stands behind the colon."""
     name, colon, argument = text.partition(":")
     found = load_plugin("grasptrack.segmenters", name)
     if isinstance(found, SegmenterMaker) and bool(found.usage) is bool(colon):

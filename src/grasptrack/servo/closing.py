@@ -92,13 +92,7 @@ class CloseGate:
         return self._asked.tolerance + min(max(late, 0.0), 1.0) * (self._asked.loosest - self._asked.tolerance)
 
     def why_not(self, result: TrackResult, found: Aim, time: float) -> str:
-        """Why not to close on this image; empty when everything speaks for it. Call it once for every new image.
-
-        Args:
-            result: what the tracker said.
-            found: the step toward the goal.
-            time: s.
-        """
+        """Why not to close on this image; empty when everything speaks for it. Call it once for every new image."""
         error_px = found.error_px
         if result.grasp_id != self._grasp:
             self._grasp, self._row, self._seen_at = result.grasp_id, 0, None

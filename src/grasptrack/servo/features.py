@@ -39,9 +39,6 @@ class Features:
     Args:
         goal: (k, 2) px, the contacts as they should be seen.
         centre: (2,) px from which x and y count.
-
-    Raises:
-        InputError: contacts of a goal that do not lie apart.
     """
 
     def __init__(self, goal: Floats, centre: Floats) -> None:
@@ -55,11 +52,7 @@ class Features:
         return sum((u * v.conjugate() for u, v in zip(around, self._around, strict=True)), 0j)
 
     def feature_values(self, contacts: Floats) -> Floats:
-        """(x/l, y/l, l*/l, angle) of contacts (k, 2) px; at the goal (x*/l*, y*/l*, 1, 0).
-
-        Raises:
-            InputError: contacts that do not lie apart.
-        """
+        """(x/l, y/l, l*/l, angle) of contacts (k, 2) px; at the goal (x*/l*, y*/l*, 1, 0)."""
         middle, around, length = _decompose_points(contacts)
         if length < MIN_DISTANCE_PX:
             raise InputError("contacts lie apart", contacts=contacts.tolist())

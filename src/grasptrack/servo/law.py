@@ -99,15 +99,7 @@ NORMAL_SD = 0.01
 
 @dataclass(frozen=True)
 class Approach:
-    """The way to the goal.
-
-    Attributes:
-        goal: of the contacts.
-        order: the finger of each contact.
-        dof: 4 or 6.
-        standoff: m before the goal at which the hand aligns first.
-        gain: of the law.
-    """
+    """The way to the goal."""
 
     goal: Goal
     order: tuple[int, ...]

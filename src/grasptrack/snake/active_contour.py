@@ -124,20 +124,12 @@ class Snake:
         return self.homography
 
     def reseed(self, H: ArrayLike) -> None:
-        """Put the snake at H_current_reference (3, 3), at rest: somebody else found the object again.
-
-        Raises:
-            ConditioningError: H sends part of the outline to infinity.
-        """
+        """Put the snake at H_current_reference (3, 3), at rest: somebody else found the object again."""
         self._motion.reset(self.space.state_near(H))
         self._last = self._motion.state
 
     def update(self, image: Grey) -> SnakeFit:
-        """Fit the outline to the edges of an image, from the filter's state; call `predict` first for every new image.
-
-        Raises:
-            InputError: an image that is not (H, W).
-        """
+        """Fit the outline to the edges of an image, from the filter's state; call `predict` first for every new image."""
         _require_grey_image(image)
         motion = self._motion
         match = fit_to_edges(self._model, image, motion.state, motion.P, self._search_reach())

@@ -59,9 +59,6 @@ class ClosedSpline:
 
     Args:
         control: (spans, 2) px, at least 4; the curve lies inside the hull of each four in a row.
-
-    Raises:
-        ContourError: not (spans, 2) with spans >= 4.
     """
 
     __slots__ = ("control",)
@@ -98,9 +95,6 @@ def fit_spline(points: ArrayLike, spans: int) -> tuple[ClosedSpline, float]:
 
     Returns:
         The spline, whose parameter 0 is at the first point, and the rms distance in px across the curve.
-
-    Raises:
-        ContourError: fewer than 4 spans.
     """
     polygon = np.ascontiguousarray(points, dtype=np.float64)
     each = max(PER_SPAN, -(-len(polygon) // spans))

@@ -71,14 +71,7 @@ class SnakeModel:
 
 
 def search_along_normals(model: SnakeModel, state: Floats, image: Grey, reach: float) -> Rows:
-    """Edges along the normals of the curve at a state.
-
-    Args:
-        model: what to search for.
-        state: (dof,) px.
-        image: (H, W) grey.
-        reach: px on either side.
-    """
+    """Edges along the normals of the curve at a state."""
     template, space, local = model.template, model.space, model.local
     M = space.linear_part(state)
     points = local @ (space.rho * M.T)

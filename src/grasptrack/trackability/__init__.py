@@ -169,9 +169,6 @@ def inspect_scene(scene: FirstScene, runs: int = RUNS, check: Callable[[], None]
         scene: `GraspTracker.first_scene`.
         runs: that are drawn.
         check: called before each; what it raises ends the work.
-
-    Raises:
-        ObservationError: no object.
     """
     return _assess_view(first_view_of(scene), _Inspection(scene.wish, scene.before, runs, (AUTO,), check))
 

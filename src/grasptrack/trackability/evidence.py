@@ -226,13 +226,7 @@ class Likeness:
 
 
 def symmetry_of(first: InspectedView, likeness: Likeness, turn_shown: bool = True) -> Symmetry:
-    """Turns of an outline into itself, holes included, that its image bears out.
-
-    Args:
-        first: the first view.
-        likeness: of its object.
-        turn_shown: False where a turn moves the outline along itself throughout.
-    """
+    """Turns of an outline into itself, holes included, that its image bears out."""
     view = first.candidate.view
     if view.is_clipped:
         return Symmetry((), False, False)
@@ -279,15 +273,7 @@ def peaks_of(view: View) -> Floats:
 def strategies_of(
     grasp: Grasp, view: View, grey: Grey, refusal: str = "", tried: Sequence[str] = (AUTO, *ORDER)
 ) -> tuple[Usable, ...]:
-    """`auto`'s registration and the three strategies, each tried on the view of the choice itself.
-
-    Args:
-        grasp: on the outline.
-        view: the outline.
-        grey: (H, W) its image.
-        refusal: why no transfer is believed, of whatever strategy; else empty.
-        tried: their names.
-    """
+    """`auto`'s registration and the three strategies, each tried on the view of the choice itself."""
 
     def explain_refusal(name: str) -> str:
         try:

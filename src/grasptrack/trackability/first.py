@@ -61,13 +61,7 @@ class InspectedView(NamedTuple):
 
 
 def first_view(image: NDArray[Any], mask: NDArray[Any] | None, wish: Wish, focal: Beforehand | None) -> InspectedView:
-    """Object and grasp as `GraspTracker.update` chooses them in a first image; `focal` as for `Plane`.
-
-    Raises:
-        ObservationError: no object.
-        SourceError, InputError: an image or mask that cannot be used.
-        GraspError: given contacts that are not on an object.
-    """
+    """Object and grasp as `GraspTracker.update` chooses them in a first image; `focal` as for `Plane`."""
     shape = image_size(image)
     wish = replace(wish, said=wish.said.within(shape))
     observer = OutlineDetector(wish.said.hidden)
@@ -78,11 +72,7 @@ def first_view(image: NDArray[Any], mask: NDArray[Any] | None, wish: Wish, focal
 
 
 def first_view_of(scene: FirstScene) -> InspectedView:
-    """The same of what a tracker chose, without another search.
-
-    Raises:
-        ObservationError: no object.
-    """
+    """The same of what a tracker chose, without another search."""
     observer = OutlineDetector(scene.wish.said.hidden)
     observer.set_image(scene.colours)
     return _view_of(scene, observer)

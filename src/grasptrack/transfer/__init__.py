@@ -31,12 +31,7 @@ def strategy_names() -> tuple[str, ...]:
 
 
 def strategy_named(name: str) -> TransferStrategy:
-    """The strategy of that name: one of the paper's, or one that a package registered.
-
-    Raises:
-        StrategyError: unknown; the message lists the choices.
-        InputError: a package's strategy cannot be imported.
-    """
+    """The strategy of that name: one of the paper's, or one that a package registered."""
     found = _MODULES.get(name) or load_plugin("grasptrack.strategies", name)
     if found is None:
         raise StrategyError(f'unknown strategy "{name}"; choose from {", ".join(strategy_names())}', name=name)

@@ -81,11 +81,6 @@ def describe(grasp: Grasp, view: Outline, interpolated: int = INTERPOLATED) -> R
 def apply(description: RRPDescription, view: Outline, prior: Floats | None = None) -> Transfer:
     """The grasp with those RRP coordinates on another outline (Fig. 7).
 
-    Args:
-        description: from `describe`.
-        view: an outline with as many points on each contour, point i the same physical point.
-        prior: not needed; part of the strategies' protocol.
-
     Raises:
         StrategyError: the outlines differ in their number of contours or points.
     """

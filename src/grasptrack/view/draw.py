@@ -335,11 +335,7 @@ def draw_candidates(image: NDArray[Any], candidates: Sequence[Candidate]) -> Pic
 
 
 def write_candidates(path: Path, image: NDArray[Any], candidates: Sequence[Candidate]) -> None:
-    """The picture as a file.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """The picture as a file."""
     good, data = cv2.imencode(path.suffix, draw_candidates(image, candidates))
     if not good:
         raise OSError(f'"{path}" cannot be written')

@@ -133,14 +133,7 @@ _MANY = 24
 
 
 def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, title: str) -> None:
-    """Write the page, 1600 by 900 px, as PNG. The file is complete at any moment or absent.
-
-    Args:
-        path: the picture.
-        image: (H, W), BGR (H, W, 3) or BGRA (H, W, 4), 8 or 16 bits.
-        found: what was found in it.
-        title: what the image is called.
-    """
+    """Write the page, 1600 by 900 px, as PNG. The file is complete at any moment or absent."""
     figure = create_figure(*PAGE, dpi=PAGE_DPI, facecolor="white")
     picture = mute_image(image)
     seen = [found.view.points, *(v.outer.points for v in found.equals[:1])]

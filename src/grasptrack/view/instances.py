@@ -28,12 +28,7 @@ _TILE, _TITLE, _COLUMNS = 320, 34, 4
 
 
 def draw_instances(image: NDArray[Any], found: Sequence[Instance]) -> Picture:
-    """The image (H, W, 3) BGR: what is found in its part's colour, numbered; what is not believed dashed, with the reason.
-
-    Args:
-        image: grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4), of 8 or 16 bits.
-        found: as `find` gives them.
-    """
+    """The image (H, W, 3) BGR: what is found in its part's colour, numbered; what is not believed dashed, with the reason."""
     canvas = enlarged_canvas(image)
     names = sorted({one.part for one in found})
     for one in found:
@@ -64,20 +59,12 @@ def _draw_tag(canvas: Canvas, text: str, view: View) -> None:
 
 
 def write_instances(path: Path, image: NDArray[Any], found: Sequence[Instance]) -> None:
-    """The picture as a file.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """The picture as a file."""
     _write_picture(path, draw_instances(image, found))
 
 
 def write_parts(path: Path, parts: Sequence[KnownPart]) -> None:
-    """A sheet of parts, each with its outline and its first grasp, as a file.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """A sheet of parts, each with its outline and its first grasp, as a file."""
     columns = min(_COLUMNS, len(parts))
     rows = -(-len(parts) // columns)
     sheet = np.empty((rows * (_TILE + _TITLE), columns * _TILE, 3), np.uint8)

@@ -382,12 +382,7 @@ def add_panel(figure: Any, picture: NDArray[np.uint8], shown: Window, box: Box) 
 
 
 class TextColumn:
-    """The column of text and bars beside the large panel of a page, filled from the top.
-
-    Args:
-        figure: matplotlib's.
-        box: place of the column.
-    """
+    """The column of text and bars beside the large panel of a page, filled from the top."""
 
     def __init__(self, figure: Any, box: Box) -> None:
         self._figure = figure

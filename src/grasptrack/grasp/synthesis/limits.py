@@ -37,14 +37,7 @@ def finger_rectangles(contacts: Floats, directions: Floats, width: float, depth:
 
 
 def fingers_overlap(contacts: Floats, directions: Floats, width: float, depth: float) -> Bools:
-    """(g,) whether any two fingers of a grasp overlap, by the axes that would separate their rectangles.
-
-    Args:
-        contacts: (g, k, 2) px.
-        directions: (g, k, 2) unit.
-        width: px.
-        depth: px.
-    """
+    """(g,) whether any two fingers of a grasp overlap, by the axes that would separate their rectangles."""
     clash = np.zeros(len(contacts), dtype=np.bool_)
     middles = contacts - 0.5 * depth * directions
     for i, j in itertools.combinations(range(contacts.shape[1]), 2):

@@ -73,11 +73,7 @@ class MessageImages:
         self._decoder: Any = None
 
     def decode_message(self, message: Any, name: str) -> Image | None:
-        """A message's image; None where a video gives none yet.
-
-        Raises:
-            SourceError: an encoding that is not read, or data that is damaged.
-        """
+        """A message's image; None where a video gives none yet."""
         if self._kind == "raw":
             return self._decode_raw(message, name)
         if self._kind == "compressed":

@@ -36,7 +36,6 @@ class BagSource(Source):
         spec: what the user named.
         path: of the bag.
         topic: with the images; empty where there is one only.
-        fps: as for every source.
         bits: that values of 16 bits use; None takes what suits the first image.
     """
 
@@ -116,11 +115,7 @@ def _one_line(error: Exception) -> str:
 
 
 def _choose_topic(path: Path, topics: list[Topic], asked: str) -> Topic:
-    """The topic that is meant.
-
-    Raises:
-        SourceError: it is absent or no image; none was asked for, and there are several, or none.
-    """
+    """The topic that is meant."""
     pictures = [t for t in topics if t.image_form and t.length != 0]
     there = ", ".join(f"{t.name} ({t.length})" for t in pictures)
     if not pictures:
@@ -151,10 +146,6 @@ def open_bag(spec: str, fps: float | None = None, settings: Mapping[str, str] | 
         spec: ``bag:FILE#/topic``, or a path; FILE is .mcap, .bag, .db3, or the folder of a ROS 2 bag.
         fps: frames/s in place of the recording's times.
         settings: `bits`, 9 to 16: how many of 16 bits the camera used [what suits the first image].
-
-    Raises:
-        InputError: the package that reads it is not installed.
-        SourceError: no bag, damaged, without images, without this topic, or with several while none is named.
     """
     text = spec.removeprefix("bag:")
     name, _, topic = text.rpartition("#") if "#" in text and not Path(text).exists() else (text, "", "")
@@ -312,11 +303,7 @@ def _with_bytes(fields: dict[str, Any]) -> SimpleNamespace:
 
 
 class RosBag:
-    """An open bag.
-
-    Args:
-        path: a file .bag, or the folder of a ROS 2 bag.
-    """
+    """An open bag: a file .bag, or the folder of a ROS 2 bag."""
 
     def __init__(self, path: Path) -> None:
         highlevel = import_extra("rosbags.highlevel", "bags", "a bag of ROS")

@@ -55,9 +55,6 @@ def choose_serial(spec: str, serial: str, serials: Sequence[str]) -> int:
         spec: what the user named.
         serial: the one that is asked for; empty for the only one.
         serials: of those that are there.
-
-    Raises:
-        SourceError: none is there, not this one, or several while none is asked for.
     """
     if not serials:
         raise SourceError(f'"{spec}": no camera is attached that this driver sees', spec=spec)

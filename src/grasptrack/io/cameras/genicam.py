@@ -123,11 +123,7 @@ def installed_producers() -> list[Path]:
 
 
 def attached_genicam() -> list[Attached]:
-    """The cameras of all producers that are installed.
-
-    Raises:
-        InputError: harvesters or genicam are not installed, there is no producer, or one cannot be loaded.
-    """
+    """The cameras of all producers that are installed."""
     import_extra("harvesters.core", "genicam", "a GenICam camera")
     found, installed = [], installed_producers()
     if not installed:
@@ -148,12 +144,7 @@ def open_genicam(spec: str, fps: float | None = None, settings: Mapping[str, str
     Args:
         spec: ``genicam:FILE.cti#SERIAL``; without the serial number the only one, without the file the only producer of those
             that ``GENICAM_GENTL64_PATH`` lists.
-        fps: must be None.
         settings: `wait`, s without an image after which it is given up; all else the camera's features, as ``ExposureTime``.
-
-    Raises:
-        InputError: harvesters or genicam are not installed.
-        SourceError: no such producer; while iterating, no such camera, in use, or a wrong setting.
     """
     import_extra("harvesters.core", "genicam", "a GenICam camera")
     address = parse_address(spec, settings)

@@ -97,11 +97,7 @@ def _import_pylon() -> Any:
 
 
 def attached_pylon() -> list[Attached]:
-    """The cameras that pylon sees.
-
-    Raises:
-        InputError: pypylon is not installed.
-    """
+    """The cameras that pylon sees."""
     return [
         Attached("pylon", device.GetSerialNumber(), device.GetModelName())
         for device in _import_pylon().TlFactory.GetInstance().EnumerateDevices()
@@ -113,11 +109,7 @@ def open_pylon(spec: str, fps: float | None = None, settings: Mapping[str, str] 
 
     Args:
         spec: ``pylon:`` or ``pylon:SERIAL``, with settings after a question mark.
-        fps: must be None.
         settings: `wait`, s without an image after which it is given up; all else the camera's features, as ``ExposureTime``.
-
-    Raises:
-        InputError: pypylon is not installed. SourceError, while iterating: no such camera, in use, or a wrong setting.
     """
     pylon = _import_pylon()
     address = parse_address(spec, settings)

@@ -83,11 +83,7 @@ def _attached_devices(rs: Any) -> list[tuple[str, str]]:
 
 
 def attached_realsense() -> list[Attached]:
-    """The cameras that librealsense sees.
-
-    Raises:
-        InputError: pyrealsense2 is not installed.
-    """
+    """The cameras that librealsense sees."""
     return [Attached("realsense", serial, model) for serial, model in _attached_devices(_import_realsense())]
 
 
@@ -96,13 +92,8 @@ def open_realsense(spec: str, fps: float | None = None, settings: Mapping[str, s
 
     Args:
         spec: ``realsense:`` or ``realsense:SERIAL``, with settings after a question mark.
-        fps: must be None.
         settings: `stream` (color or infrared), `size`, `fps`, `wait` (s without an image after which it is given up), and the
             options of the sensor, as ``exposure``.
-
-    Raises:
-        InputError: pyrealsense2 is not installed.
-        SourceError: a wrong setting; while iterating, no such camera, in use, or no such size or option.
     """
     rs = _import_realsense()
     address = parse_address(spec, settings)

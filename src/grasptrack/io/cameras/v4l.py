@@ -93,11 +93,7 @@ def open_webcam(spec: str, fps: float | None = None, settings: Mapping[str, str]
 
     Args:
         spec: ``camera:0``, ``camera:0?size=1280x720&fps=30``, or a device such as ``/dev/video0``.
-        fps: must be None.
         settings: `size`, `fps`, `wait` (s without an image after which it is given up), and OpenCV's properties by name.
-
-    Raises:
-        SourceError: no number, or no such setting; while iterating, it is missing, in use, or does not take a setting.
     """
     which: int | str
     if spec.startswith("camera:"):

@@ -37,14 +37,6 @@ class FoxgloveRecording:
 
     Stamps are those of the frames, from the hour at which the recording begins; frames without a time stand 1/25 s after the
     one before. The results keep the times as they are, so that what is tracked again is the same.
-
-    Args:
-        path: the file, written over.
-        quality: 1 to 100, of JPEG images; None for PNG.
-        options: gives those of `grasptrack track` that track it again alike; asked with the first image, and kept in the file.
-
-    Raises:
-        InputError: foxglove-sdk is not installed, or the file cannot be written.
     """
 
     def __init__(self, path: Path, quality: int | None = None, options: Callable[[], str] = str) -> None:
@@ -68,11 +60,7 @@ class FoxgloveRecording:
         self._last = self._begin - 1
 
     def write(self, frame: Frame, result: TrackResult) -> None:
-        """Add a frame; it can be read from then on, whatever becomes of this process.
-
-        Raises:
-            OSError: it cannot be written, as on a full disk.
-        """
+        """Add a frame; it can be read from then on, whatever becomes of this process."""
         if self._options is not None:
             self._writer.write_metadata(METADATA, {"version": version("grasptrack"), "options": self._options()})
             self._options = None
@@ -122,11 +110,7 @@ class FoxgloveRecording:
         return [point(x=x, y=y) for x, y in (points + HALF).tolist()]
 
     def close(self) -> None:
-        """Write the index; may be called again.
-
-        Raises:
-            OSError: it cannot be written; all whole images before can be read.
-        """
+        """Write the index; may be called again."""
         if self._writer is None:
             return
         writer, self._writer = self._writer, None

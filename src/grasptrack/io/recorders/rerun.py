@@ -29,16 +29,7 @@ _PLOTTED = ("margin", "confidence", "chance", "latency_ms")
 
 
 class RerunRecording:
-    """Writes an RRD file with the timelines "frame" and, where the frames have times, "time".
-
-    Args:
-        path: the file, written over.
-        quality: 1 to 100, of JPEG images; None for PNG.
-        options: not kept.
-
-    Raises:
-        InputError: rerun-sdk is not installed, or the file cannot be written.
-    """
+    """Writes an RRD file with the timelines "frame" and, where the frames have times, "time"."""
 
     def __init__(self, path: Path, quality: int | None = None, options: Callable[[], str] = str) -> None:
         self.path, self._quality = path, quality
