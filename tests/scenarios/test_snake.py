@@ -116,7 +116,6 @@ def test_contacts_over_sixty_frames(shape: Shape, shear: float) -> None:
         fit = snake.update(render(PART, path(k, shear), k))
         assert fit.ok, f"frame {k}: {fit.reason}"
         errors.append(error(snake, fit, path(k, shear)))
-        assert fit.support > 0.9 and fit.outside == 0.0
     assert max(errors) < 0.2, max(errors)
     assert np.sqrt(np.mean(np.square(errors))) < 0.12
 
@@ -173,14 +172,6 @@ def test_a_bar_over_a_quarter_is_survived_or_admitted(shape: Shape, tilt: float)
     assert believed >= 25
 
 
-def test_a_covered_contact_is_not_seen() -> None:
-    snake = begun()
-    fit = step(snake, render(PART, np.eye(3), 1, cover=bar(245, 44, 0.0)))
-    from_contact = np.hypot(*(snake.template.points[:, None] - [[245.0, 168.0], [400.0, 160.0]]).transpose(2, 0, 1))
-    hidden, free = (fit.seen[np.argsort(d)[:13]].mean() for d in from_contact.T)
-    assert hidden < 0.2 and free > 0.5
-
-
 def test_gone_and_back() -> None:
     snake = begun()
     for k in range(1, 12):
@@ -194,16 +185,15 @@ def test_gone_and_back() -> None:
 
 def test_out_of_the_image_is_unobserved_not_wrong() -> None:
     snake = begun()
-    outside = []
     for k in range(1, 61):
         H = affine(1.0, 0.1 * math.sin(k / 9), -6.0 * k, 0.0)
         fit = step(snake, render(PART, H, k))
-        outside.append(fit.outside)
+        outside = float((fit.points < 0.0).any(axis=1).mean())
         if fit.ok:
             assert error(snake, fit, H) < 0.7, f"frame {k}"
         else:
             break
-    assert fit.outside > 0.4 and k > 45 and max(outside) > 0.4
+    assert outside > 0.4 and k > 45
 
 
 def test_tilt_is_admitted_and_measured() -> None:

@@ -14,7 +14,7 @@ from grasptrack.geometry.contours import Contour, Outline, View
 from grasptrack.snake.fit import CurveMatch, SnakeModel, fit_to_edges
 from grasptrack.snake.shape_space import ConstantVelocity, Shape, ShapeSpace
 from grasptrack.snake.template import Grey, Template, sampled_outline
-from grasptrack.typing import Bools, Floats
+from grasptrack.typing import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,22 +26,16 @@ class SnakeFit:
         reason: why not; empty when ok.
         homography: (3, 3) H_current_reference as measured in this image, not filtered: it does not lag.
         points: (n, 2) px, the fitted curve at the template's samples.
-        seen: (n,) whether an edge like the template's lies within 1.75 px of the curve there.
         residual: px, rms distance of the supporting edges; inf where there are none.
         misfit: px, rms over the outline of what a homography would still move it: tilt that the shape space lacks.
-        support: share of the samples inside the image that are seen, of those that had an edge in the first image.
-        outside: share of the samples outside the image, which speak neither for nor against the fit.
     """
 
     ok: bool
     reason: str
     homography: Floats
     points: Floats
-    seen: Bools
     residual: float
     misfit: float
-    support: float
-    outside: float
 
 
 __all__ = ["Snake", "SnakeFit"]
@@ -180,25 +174,10 @@ class Snake:
         return ""
 
     def _make_result(self, match: CurveMatch | None, reason: str) -> SnakeFit:
-        edges, space = self._edges, self.space
         state = self._motion.state if match is None else match.state
-        seen = np.zeros(len(edges.nearest), dtype=np.bool_)
-        residual, misfit, support, outside = math.inf, math.inf, 0.0, 0.0
-        if match is not None:
-            seen = match.seen[edges.nearest] & edges.relied
-            residual, misfit, support = match.residual, match.misfit, match.support_share
-            outside = 1.0 - float(match.visible.mean())
-        return SnakeFit(
-            ok=not reason,
-            reason=reason,
-            homography=space.homography(state),
-            points=space.curve_points(state),
-            seen=seen,
-            residual=residual,
-            misfit=misfit,
-            support=support,
-            outside=outside,
-        )
+        residual, misfit = (math.inf, math.inf) if match is None else (match.residual, match.misfit)
+        homography, points = self.space.homography(state), self.space.curve_points(state)
+        return SnakeFit(not reason, reason, homography, points, residual, misfit)
 
 
 def _require_grey_image(image: Grey) -> Grey:

@@ -73,8 +73,6 @@ class Template:
 
     Attributes:
         chosen: (m,) indices of the samples that have an edge to rely on; only these are searched.
-        nearest: (n,) for each sample of the outline the entry of `chosen` nearest along the samples.
-        relied: (n,) bool, whether the sample's own surroundings were chosen.
         polarity: +1 dark object, -1 light object, 0 where its parts differ.
         sign, strength, inside, outside, bias: (m,) of the edge: direction of grey, grey levels per px, grey levels on
             either side, px from the spline along the normal (corners that it cuts, noise).
@@ -84,7 +82,6 @@ class Template:
     """
 
     def __init__(self, view: View, normals: Floats, image: Grey) -> None:
-        self.view = view
         step = max(1, math.ceil(len(view.points) / MAX_SEARCHED))
         candidates = np.arange(0, len(view.points), step)
         points, across = view.points[candidates], np.ascontiguousarray(normals[candidates])
@@ -113,11 +110,6 @@ class Template:
         self.bias: Floats = edges[good, 0].copy()
         self.inside: Floats = edges[good, 2].copy()
         self.outside: Floats = edges[good, 3].copy()
-        index = np.arange(len(view.points))
-        slot = np.minimum(np.searchsorted(candidates, index + 0.5 * step), len(candidates)) - 1
-        rank = np.cumsum(good) - 1
-        self.relied: Bools = good[slot]
-        self.nearest = np.maximum(rank[slot], 0)
 
     @property
     def edge_contrast(self) -> Floats:
