@@ -26,12 +26,7 @@ MOST = 2
 
 
 def advice_for(codes: Mapping[str, int], frames: int) -> list[str]:
-    """What to try, the most frequent reason first; none where few frames were lost.
-
-    Args:
-        codes: frames by the code of their reason.
-        frames: all of them.
-    """
+    """What to try, the most frequent reason first; none where few frames were lost."""
     counted = sorted((n, code) for code, n in codes.items() if code in REMEDIES)
     if not frames or sum(n for n, _ in counted) <= MANY * frames:
         return []
@@ -67,9 +62,10 @@ def note_candidates(
     if meant or image is None or not candidates or candidates[0].probability >= sure:
         return []
     from grasptrack.segmentation.candidate import describe_candidate
-    from grasptrack.view.draw import write_candidates
+    from grasptrack.view.draw import draw_candidates
+    from grasptrack.view.style import write_picture
 
-    write_candidates(picture, image, candidates)
+    write_picture(picture, draw_candidates(image, candidates))
     told = f"the object was chosen with a probability of {100.0 * candidates[0].probability:.0f} %, which is not sure"
     others = "; ".join(f"{n} lies {describe_candidate(c, candidates[0])}" for n, c in enumerate(candidates[1:], 2))
     also = f" ({others})" if others else ""

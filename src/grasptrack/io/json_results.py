@@ -49,15 +49,7 @@ def grasps_to_dict(
     options: Mapping[str, Any],
     px_per_mm: float | None = None,
 ) -> dict[str, Any]:
-    """Every object's grasps with what their rank rests on.
-
-    Args:
-        objects: outlines and their grasps, the object that was chosen first.
-        name: the image's, as the user gave it.
-        shape: height and width of the image.
-        options: what was asked for.
-        px_per_mm: scale of the image.
-    """
+    """Every object's grasps with what their rank rests on."""
     own = {id(found.outline) for found in objects}
     others = {id(view): view for found in objects for view in found.neighbours if id(view) not in own}
     return {
@@ -117,15 +109,7 @@ def _ranked_entry(grasp: RankedGrasp, rank: int, px_per_mm: float | None) -> dic
 def inspection_to_dict(
     found: Suitability, name: str, shape: tuple[int, ...], options: Mapping[str, Any], files: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """How well an object can be tracked, as plain values to six digits.
-
-    Args:
-        found: what was found.
-        name: the image's, as the user gave it.
-        shape: height and width of the image.
-        options: what was asked for.
-        files: names of those that are written.
-    """
+    """How well an object can be tracked, as plain values to six digits."""
     run, symmetry, settled = found.prediction, found.symmetry, found.settled
     evidence = (
         None
@@ -189,16 +173,7 @@ def transfer_to_dict(
     ambiguous: str,
     options: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """A grasp in two images.
-
-    Args:
-        images: names of both, as the user gave them.
-        contacts: (k, 2) px in the first.
-        outcomes: of the registration and of each strategy.
-        places: where the contacts may be in the second, where nothing tells which.
-        ambiguous: what the image cannot tell, in words; empty where it tells all.
-        options: what was asked for.
-    """
+    """A grasp in two images."""
     return {
         "format": TRANSFER_FORMAT,
         "images": images,

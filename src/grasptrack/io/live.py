@@ -96,7 +96,7 @@ class LiveSource(Source):
             raise SourceError(f"{name} has times of its own: leave out the rate in frames/s (--fps)", spec=spec)
         self.kind = kind
         self.label = name
-        self.on_wait: Callable[[], None] = _do_nothing
+        self.on_wait: Callable[[], None] = lambda: None
         self.catches_up = False
         self._open_device = open_device
         self._patience = patience
@@ -216,10 +216,6 @@ class _Drain:
             self._ready.notify_all()
 
 
-def _do_nothing() -> None:
-    pass
-
-
 def _close_quietly(device: Device | None) -> None:
     if device is not None:
         with contextlib.suppress(Exception):  # one that has gone may not even close
@@ -252,12 +248,10 @@ class Address(NamedTuple):
     """A source's name in its parts.
 
     Attributes:
-        spec: the whole, for messages.
         where: between the kind and the question mark.
         settings: what follows it, and on top of it what was given apart from the name.
     """
 
-    spec: str
     where: str
     settings: dict[str, str]
 
@@ -269,7 +263,7 @@ def parse_address(spec: str, settings: Mapping[str, str] | None = None) -> Addre
         pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=True) if mark else []
     except ValueError:
         raise SourceError(f'"{spec}": after the question mark come NAME=VALUE, joined by &', spec=spec) from None
-    return Address(spec, where, {**dict(pairs), **dict(settings or {})})
+    return Address(where, {**dict(pairs), **dict(settings or {})})
 
 
 def take_patience(settings: dict[str, str]) -> float:

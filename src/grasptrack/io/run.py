@@ -133,12 +133,7 @@ def prepare_output(output: Path) -> None:
 class Run:
     """The files of a run while it goes on; `run_track` drives one, a program with a loop of its own may too.
 
-    Args:
-        output: folder, prepared by `prepare_output` and held by `hold_folder`.
-        fingers: number of contacts that grasps.csv has columns for.
-        source: where the frames come from, for run.json.
-        video: write overlay.mp4.
-        options: what the user asked for, for run.json.
+    `prepare_output` has prepared its folder, `hold_folder` holds it; grasps.csv has columns for as many contacts as `fingers`.
     """
 
     def __init__(self, output: Path, fingers: int, source: Source, video: bool, options: dict[str, Any]) -> None:

@@ -177,7 +177,7 @@ def parse_message(text: str | bytes) -> dict[str, Any]:
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
-        raise InputError('a message is a JSON object, such as {"do": "start"}') from None
+        content = None
     if not isinstance(content, dict):
         raise InputError('a message is a JSON object, such as {"do": "start"}')
     return content

@@ -45,13 +45,6 @@ class _How:
 class Recordings:
     """The recordings of a run: recording-001, recording-002 and so on.
 
-    Args:
-        folder: of the run.
-        suffix: ".mp4", or one of `grasptrack.io.recording.SUFFIXES`.
-        fps: images/s of a video.
-        waits: as of `WriterThread`.
-        ended: as of `WriterThread`.
-
     Attributes:
         figures: of each that has ended, its name and how many images were written and dropped, for run.json.
     """

@@ -136,14 +136,7 @@ def is_plausible_object(shape: Silhouette, size: tuple[int, ...]) -> bool:
 
 
 def candidate_of_one_level(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | None) -> Candidate | None:
-    """The contours of a silhouette found by a threshold, or None if it cannot be an object.
-
-    Args:
-        grey: (H, W).
-        shape: the silhouette.
-        polarity: +1 darker than the background, -1 lighter.
-        hidden: (H, W) nonzero where pixels are ignored.
-    """
+    """The contours of a silhouette found by a threshold, or None if it cannot be an object."""
     if not is_plausible_object(shape, grey.shape):
         return None
     try:
@@ -280,10 +273,6 @@ def best_color_projection(image: Pixels, outline: Contour) -> Channel:
 
     The colours differ across the outline by d at each point. The mixture w maximises the sum of (w d)^2 over the same sum
     for differences within the background: an eigenvector.
-
-    Args:
-        image: (H, W) or BGR (H, W, 3).
-        outline: found in it.
     """
     if image.ndim == 2:
         return PLAIN

@@ -92,11 +92,6 @@ class _Rated(NamedTuple):
 class CandidateSearch:
     """One image: what is proposed in it, and what becomes of that.
 
-    Args:
-        colours: (H, W) or BGR (H, W, 3), 8 bit.
-        said: what a person says of it.
-        segmenter: proposes regions beside the own search.
-
     Attributes:
         meant: the proposals that may be meant by what is said.
     """

@@ -140,13 +140,7 @@ def measure_worth(
 
 
 def choice_probabilities(worth: Floats, signs: Signs, numbers: ChoiceNumbers) -> Floats:
-    """(n,) probability of each proposal to be the object, the likeliest first; what is missing to 1 is that of none.
-
-    Args:
-        worth: (n,) falling.
-        signs: of the first.
-        numbers: fitted.
-    """
+    """(n,) probability of each proposal to be the object, the likeliest first; what is missing to 1 is that of none."""
     if not len(worth):
         return np.zeros(0)
     weights = (

@@ -119,6 +119,9 @@ def find_objects(
         said: which object is meant.
         mask: as of `first_look`.
         segmenter: proposes regions beside the own search.
+
+    Raises:
+        ObservationError, InputError: as `first_look`; or there are fewer candidates than the number that was taken.
     """
     said = FirstImage() if said is None else said
     meant = others = look_for(image, said, segmenter, mask)

@@ -133,10 +133,6 @@ def background_within(image: Planes, shape: Silhouette) -> list[Chain]:
     """Pixel chains around the places within a silhouette that look like the background, the largest first.
 
     The background around the silhouette is extrapolated to its inside by a wide average.
-
-    Args:
-        image: planes.
-        shape: the silhouette.
     """
     left, top, right, bottom = shape.box_window(WINDOW_MARGIN, image.shape)
     window = np.ascontiguousarray(image[top:bottom, left:right])

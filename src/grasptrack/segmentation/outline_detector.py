@@ -155,12 +155,7 @@ class OutlineDetector:
         return self._channel.to_grey(self.colours)
 
     def find_objects(self, said: FirstImage, segmenter: Segmenter | None = None) -> list[Candidate]:
-        """Objects of the image that was looked at, the likeliest first.
-
-        Args:
-            said: what is known of it; `hidden` is this detector's own.
-            segmenter: proposes regions beside the own search.
-        """
+        """Objects of the image that was looked at, the likeliest first."""
         return find_candidates(self.colours, replace(said, hidden=self.hidden), segmenter)
 
     def choose_object(self, candidate: Candidate) -> Grey:

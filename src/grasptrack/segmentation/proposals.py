@@ -310,12 +310,7 @@ def propose_masks(scene: PreparedImage, maps: Sequence[Floats32]) -> list[Outlin
 
 
 def propose_silhouettes(scene: PreparedImage, maps: Sequence[Floats32] = ()) -> list[OutlineProposal]:
-    """All silhouettes of an image, the best rated first, each once.
-
-    Args:
-        scene: the image.
-        maps: (H, W) each, 0 to 1: a segmenter's regions.
-    """
+    """All silhouettes of an image, the best rated first, each once."""
     pointed_at = list(propose_quadrangles(scene))  # before all else, while the work allows it
     found = [*propose_thresholds(scene), *propose_closed_edges(scene), *propose_from_maps(scene, maps), *pointed_at]
     _doubt_bridged_gaps(found, scene)

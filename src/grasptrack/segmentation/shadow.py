@@ -36,12 +36,7 @@ THREE = np.ones((3, 3), np.uint8)
 
 
 def without_shadow(image: Pixels, shape: Silhouette) -> Silhouette | None:
-    """The silhouette of the object alone, or None if no shadow can be distinguished from it.
-
-    Args:
-        image: (H, W) or BGR (H, W, 3).
-        shape: the object, perhaps with its shadow.
-    """
+    """The silhouette of the object alone, or None if no shadow can be distinguished from it."""
     window, _, filled = _crop_window(image, shape, GLANCE_STEP)
     if _shadow_mask(window, filled) is None:
         return None

@@ -214,15 +214,7 @@ def fill_polygon(polygon: Floats, size: tuple[int, ...]) -> Grey:
 def threshold_mask(
     grey: Grey, level: float, polarity: int, hidden: Grey | None = None, window: Window | None = None
 ) -> Grey:
-    """(h, w) nonzero where a window of a grey image, or all of it, is darker (polarity +1) or lighter (-1) than a level.
-
-    Args:
-        grey: (H, W).
-        level: grey level.
-        polarity: +1 or -1.
-        hidden: (H, W) nonzero where pixels are ignored.
-        window: of the image.
-    """
+    """(h, w) nonzero where a window of a grey image, or all of it, is darker (polarity +1) or lighter (-1) than a level."""
     left, top, right, bottom = window or (0, 0, grey.shape[1], grey.shape[0])
     binary = kernels.blur_threshold(grey, left, top, right, bottom, level, polarity)
     if hidden is not None:

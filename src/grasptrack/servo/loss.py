@@ -70,12 +70,7 @@ class LossPolicy:
 
 
 class LossHandler:
-    """Knows when the grasp was seen last, and how far the hand has moved back since.
-
-    Args:
-        policy: what is done, and for how long.
-        limits: of velocity: following a moving object comes before them.
-    """
+    """Knows when the grasp was seen last, and how far the hand has moved back since."""
 
     def __init__(self, policy: LossPolicy, limits: Limits) -> None:
         self.policy, self._limits = policy, limits

@@ -222,12 +222,7 @@ class ImageCheck:
         self._kept.clear()
 
     def why_not(self, seen: Observation, known: Estimate) -> str:
-        """Why a sighting cannot be believed: the object stands still in the image while the hand moves. Empty otherwise.
-
-        Args:
-            seen: the sighting.
-            known: what is believed of camera and object before it.
-        """
+        """Why a sighting cannot be believed: the object stands still in the image while the hand moves. Empty otherwise."""
         if self._kept and len(self._kept[-1].seen.points) != len(seen.points):
             self._kept.clear()
         while self._kept and self._kept[0].seen.time < seen.time - IMAGE_WINDOW:

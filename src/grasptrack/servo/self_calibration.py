@@ -193,13 +193,7 @@ class SelfCalibration:
             return None
 
     def grasp_pose_at(self, contacts: int, hand: Floats, time: float) -> GraspPose | None:
-        """Where a grasp of so many contacts is in the base, at a time in s; None where that is not known yet.
-
-        Args:
-            contacts: how many of the object's points, the first, are contacts.
-            hand: (4, 4) in the base, then.
-            time: s.
-        """
+        """Where a grasp of so many contacts is in the base, at a time in s; None where that is not known yet."""
         known = None if self.is_exploring else self.trusted_estimate()
         if known is None:
             return None

@@ -95,14 +95,7 @@ class Trust:
     def with_true_covariance(
         self, known: Estimate, origin: Origin | None, seen: Sequence[Observation], found: Search | None
     ) -> Estimate:
-        """The estimate with its true covariance; that given is left as it is.
-
-        Args:
-            known: the estimate.
-            origin: what was known before.
-            seen: the sightings that were kept since.
-            found: where the search for the estimate has come to; None before the first.
-        """
+        """The estimate with its true covariance; that given is left as it is."""
         rests = not np.isfinite(known.displaced_at)
         if rests and found is not self._found and origin is not None and found is not None and len(seen) > 0:
             self._take_search(origin, seen, found)

@@ -38,18 +38,6 @@ class Rows(NamedTuple):
     used: Bools
 
 
-def displacement_columns(M: Floats, local: Floats) -> Floats:
-    """(m, 2, 8): how the 8 parameters of a homography move the points of a view, all in px.
-
-    Translation, scale and rotation, then the two shears of an affine map, then the two bends of perspective.
-
-    Args:
-        M: (2, 2) linear part of the view.
-        local: (m, 2) template points about the centroid, in units of rho.
-    """
-    return np.asarray(M @ displacement_fields(local))
-
-
 class SnakeModel:
     """What stays the same from image to image, computed once.
 
@@ -59,7 +47,7 @@ class SnakeModel:
     Attributes:
         local: (m, 2) the searched points about the space's centre, in units of rho.
         W: (2, m, dof) how a state moves them along x and y.
-        field: (2, m, 8) how a homography's parameters do, in the template's own frame; see `displacement_columns`.
+        field: (2, m, 8) how a homography's parameters do, in the template's own frame; see `displacement_fields`.
     """
 
     def __init__(self, template: Template, space: ShapeSpace) -> None:
@@ -67,7 +55,7 @@ class SnakeModel:
         self.space = space
         self.local: Floats = space.local[template.chosen]
         self.W: Floats = np.ascontiguousarray(space.point_jacobian(template.points).transpose(1, 0, 2))
-        self.field: Floats = np.ascontiguousarray(displacement_columns(np.eye(2), self.local).transpose(1, 0, 2))
+        self.field: Floats = np.ascontiguousarray(displacement_fields(self.local).transpose(1, 0, 2))
 
 
 def search_along_normals(model: SnakeModel, state: Floats, image: Grey, reach: float) -> Rows:

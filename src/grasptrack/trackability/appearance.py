@@ -60,13 +60,7 @@ class Edges(NamedTuple):
 
 
 def edges_of(view: View, grey: Grey, polarity: int) -> Edges:
-    """Edges along all contours of a view.
-
-    Args:
-        view: the outline.
-        grey: (H, W) the image it came from.
-        polarity: +1 object darker than its surroundings, -1 lighter, 0 where its parts differ.
-    """
+    """Edges along all contours of a view."""
     where = np.concatenate(
         [np.column_stack([np.full(len(c), float(i)), np.arange(len(c))]) for i, c in enumerate(view.contours)]
     )
@@ -158,13 +152,7 @@ class Relief(NamedTuple):
 
 
 def gradient_statistics(grey: Grey, view: View, hidden: Grey | None = None) -> tuple[Relief, Relief]:
-    """Slopes within an outline, and of the ground round it, both clear of the outline itself.
-
-    Args:
-        grey: (H, W).
-        view: the outline.
-        hidden: (H, W) nonzero where nothing belongs to the scene.
-    """
+    """Slopes within an outline, and of the ground round it, both clear of the outline itself."""
     band = math.ceil(AROUND * math.sqrt(view.outer.area) + DEPTH) + 2
     low = np.maximum(np.floor(view.outer.points.min(axis=0)).astype(int) - band, 0)
     high = np.minimum(np.ceil(view.outer.points.max(axis=0)).astype(int) + band, [grey.shape[1] - 1, grey.shape[0] - 1])

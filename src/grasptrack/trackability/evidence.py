@@ -176,13 +176,7 @@ class Symmetry(NamedTuple):
 
 
 class Likeness:
-    """The object laid elsewhere, and whether the image tells that from where it is.
-
-    Args:
-        first: the first view.
-        target: made of it.
-        stage: the same, to be seen again with other noise.
-    """
+    """The object laid elsewhere, and whether the image tells that from where it is."""
 
     def __init__(self, first: InspectedView, target: Target, stage: Stage) -> None:
         self._first = first

@@ -205,10 +205,6 @@ def as_seen(found: Suitability, lens: Undistortion) -> Suitability:
     """Outlines, peaks, contacts and the errors to be expected of contacts as they are seen.
 
     All else stays that of the straight image: motions, widths, and what is predicted of a run.
-
-    Args:
-        found: in the straight image, with a grasp or without.
-        lens: that made it straight.
     """
     grasp = found.grasp
     if grasp is not None:

@@ -33,13 +33,9 @@ _FLOOR = 1.0 / 12.0
 
 
 def denoise_image(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:
-    """An image without its noise (non-local means), for what comes after it must not share it.
+    """An image without its noise, a standard deviation in grey levels: what comes after it must not share it (non-local means).
 
     Whatever is no stronger than the noise is smoothed away as well.
-
-    Args:
-        image: (H, W) or BGR (H, W, 3).
-        noise: grey levels, standard deviation of a pixel.
     """
     if image.ndim == 2:
         return np.asarray(cv2.fastNlMeansDenoising(image, None, noise, *_PATCHES), dtype=np.uint8)

@@ -5,14 +5,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.files import whole_file
 from grasptrack.geometry.contours import Outline, View, as_view
 from grasptrack.presentation import format_confidence
 from grasptrack.tracking.messages import SENTENCES
@@ -332,15 +330,6 @@ def draw_candidates(image: NDArray[Any], candidates: Sequence[Candidate]) -> Pic
     for row, line in enumerate(lines):
         put_text(picture, line, (size, round(1.4 * size * (row + 1))), size, CANDIDATE_RGB[row], True)
     return picture
-
-
-def write_candidates(path: Path, image: NDArray[Any], candidates: Sequence[Candidate]) -> None:
-    """The picture as a file."""
-    good, data = cv2.imencode(path.suffix, draw_candidates(image, candidates))
-    if not good:
-        raise OSError(f'"{path}" cannot be written')
-    with whole_file(path) as part:
-        part.write_bytes(data.tobytes())
 
 
 # --- what stands for a grasp in any picture ---------------------------------------------------------

@@ -148,15 +148,6 @@ def write_grasps(
 
     One object gets its best grasp large and the next ones small. Several get their best grasps in one large panel, and
     a small panel each.
-
-    Args:
-        path: the picture.
-        image: (H, W), BGR (H, W, 3) or BGRA (H, W, 4), 8 or 16 bits.
-        objects: at least one; grasps may be missing.
-        fingers: of the hand.
-        friction: coefficient, which gives the cones their angle.
-        title: what the image is called.
-        px_per_mm: scale; openings are given in mm too.
     """
     figure = create_figure(*PAGE, dpi=PAGE_DPI, facecolor="white")
     picture = mute_image(image)

@@ -11,10 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.files import whole_file
 from grasptrack.view import style
 from grasptrack.view.draw import CANDIDATE_RGB, Canvas, as_bgr, enlarged_canvas
-from grasptrack.view.style import Picture, ellipsise_text, put_text, rgb_to_bgr, text_width
+from grasptrack.view.style import Picture, ellipsise_text, put_text, rgb_to_bgr, text_width, write_picture
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
@@ -60,7 +59,7 @@ def _draw_tag(canvas: Canvas, text: str, view: View) -> None:
 
 def write_instances(path: Path, image: NDArray[Any], found: Sequence[Instance]) -> None:
     """The picture as a file."""
-    _write_picture(path, draw_instances(image, found))
+    write_picture(path, draw_instances(image, found))
 
 
 def write_parts(path: Path, parts: Sequence[KnownPart]) -> None:
@@ -82,12 +81,4 @@ def write_parts(path: Path, parts: Sequence[KnownPart]) -> None:
         sheet[y : y + size[1], x : x + size[0]] = tile.picture
         name = ellipsise_text(part.name, _TILE - 20, 16, True)
         put_text(sheet, name, (left + 10, top + 23), 16, style.WHITE_RGB, True)
-    _write_picture(path, sheet)
-
-
-def _write_picture(path: Path, picture: Picture) -> None:
-    good, data = cv2.imencode(path.suffix, picture)
-    if not good:
-        raise OSError(f'"{path}" cannot be written')
-    with whole_file(path) as part:
-        part.write_bytes(data.tobytes())
+    write_picture(path, sheet)

@@ -12,6 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -76,6 +77,15 @@ def save_whole(figure: Any, path: Path, dpi: int, **more: Any) -> None:
     """Write a figure as PNG; the file is complete at any moment or absent."""
     with whole_file(path) as part:
         figure.savefig(part, dpi=dpi, format="png", **more)
+
+
+def write_picture(path: Path, picture: Picture) -> None:
+    """Write a picture in the format of the file's name; the file is complete at any moment or absent, an OSError says why."""
+    good, data = cv2.imencode(path.suffix, picture)
+    if not good:
+        raise OSError(f'"{path}" cannot be written')
+    with whole_file(path) as part:
+        part.write_bytes(data.tobytes())
 
 
 def text_width(text: str, size: int, bold: bool = False) -> int:

@@ -104,15 +104,7 @@ def _read_rows(path: Path) -> Iterator[dict[str, str]]:
 
 
 def write_summary(path: Path, rows: Path, strip: Filmstrip, summary: RunSummary, title: str) -> None:
-    """Write summary.png.
-
-    Args:
-        path: the picture.
-        rows: grasps.csv of the run, at least one row.
-        strip: frames of the run.
-        summary: its counts and figures.
-        title: name of the source.
-    """
+    """Write summary.png."""
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     pictures = strip.pick_frames()

@@ -146,14 +146,7 @@ SMALLER = (0.5, 0.25)
 
 
 class Tried(NamedTuple):
-    """What became of all stable candidates.
-
-    Attributes:
-        openings: (g,) px of all that are stable, g above 0.
-        refused: how many each reason removed, the most frequent first.
-        hand: that none of them suits.
-        px_per_mm: scale for the sentence, or None.
-    """
+    """What became of all stable candidates."""
 
     openings: NDArray[np.float64]
     refused: dict[str, int]
@@ -168,11 +161,6 @@ def why_none(
 
     The opening is named where another opening alone would leave some, whatever else removed more; then the most
     frequent refusal, and whether smaller fingers would find a place.
-
-    Args:
-        tried: the candidates and the hand.
-        left_with: indices of those that another hand leaves.
-        finds_any: whether a search for another hand finds a grasp.
     """
     openings, refused, hand, scale = tried
     wider, narrower = hand._replace(max_opening=math.inf), hand._replace(min_opening=0.0)

@@ -29,14 +29,7 @@ SCARCE = 2000
 
 
 class _Look(NamedTuple):
-    """What a search for one hand found.
-
-    Attributes:
-        at: places for contacts.
-        found: what is stable.
-        left: rows of `found` that the hand can do.
-        refused: how many of the others each reason removed.
-    """
+    """What a search for one hand found."""
 
     at: Candidates
     found: Stable

@@ -16,13 +16,7 @@ _SYSTEM = Path("/sys/class/video4linux")
 
 
 class Attached(NamedTuple):
-    """A camera that is there.
-
-    Attributes:
-        kind: before the colon of its name as a source.
-        where: after the colon.
-        model: as the device calls itself.
-    """
+    """A camera that is there: its name as a source is ``kind:where``, `model` what the device calls itself."""
 
     kind: str
     where: str
