@@ -101,15 +101,7 @@ def score_sequence(
 
 
 def chosen_grasp(outline: Iterable[Floats], fingers: int = 2, friction: float = 0.5) -> Floats:
-    """(k, 2) px, the contacts that all methods are to follow: the grasp that the tracker would choose on this outline.
-
-    Args:
-        outline: polygons in px, outer first, then holes.
-        fingers, friction: as in synthesis.
-
-    Raises:
-        GraspError: there is no stable grasp; the message says why.
-    """
+    """(k, 2) px, the contacts that all methods are to follow: the grasp that the tracker would choose on this outline."""
     contours = []
     for i, polygon in enumerate(outline):
         length = float(np.hypot(*(np.roll(polygon, -1, axis=0) - polygon).T).sum())

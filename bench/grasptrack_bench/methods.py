@@ -26,11 +26,6 @@ OURS = ("auto", "rrp", "grasp-line", "homography")
 class TrackerMethod:
     """The tracker itself, told of the contacts as `--grasp` would tell it, of a pixel of the object as `--object`, of its
     outline as `--outline`.
-
-    Args:
-        start: the contacts, and the pixel or the outline if the user told one.
-        strategy: of the tracker.
-        risk: probability below which its answers may be wrong.
     """
 
     def __init__(self, start: MethodStart, strategy: str, risk: float = DEFAULT_RISK) -> None:
@@ -62,9 +57,6 @@ def method_makers(names: Sequence[str], risk: float = DEFAULT_RISK) -> dict[str,
     Args:
         names: of the methods.
         risk: probability below which answers of the tracker may be wrong. Its peers know none.
-
-    Raises:
-        InputError: a name that is none, or a method that cannot be had here, with the reason.
     """
     found: dict[str, Maker] = {}
     for name in names:

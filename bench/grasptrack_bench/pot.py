@@ -38,11 +38,7 @@ class PotCase(RealCase):
         return self.table.name.removesuffix(POINTS)
 
     def homographies(self) -> dict[int, Floats]:
-        """H (3, 3) from the first image that is shown to each that is shown and scored, by frame.
-
-        Raises:
-            InputError: as `read_corners`.
-        """
+        """H (3, 3) from the first image that is shown to each that is shown and scored, by frame."""
         corners = read_corners(self.table)
         begin, exact = first_shown(corners, self.every), corners.astype(np.float32)
         later = [i for i in range(begin, len(corners), self.every)[1:] if not np.isnan(corners[i]).any()]
@@ -53,14 +49,7 @@ class PotCase(RealCase):
 
 
 def read_corners(path: Path) -> Floats:
-    """(n, 4, 2) px of the target in each image; NaN where nobody annotated it, or the benchmark does not score it.
-
-    Args:
-        path: of the corners; the flags lie beside them, or all are 0.
-
-    Raises:
-        InputError: missing or unreadable file, a row of another length, or another number of flags.
-    """
+    """(n, 4, 2) px of the target in each image; NaN where nobody annotated it, or the benchmark does not score it."""
     corners, flags = _read_numbers(path, 8), path.with_name(path.name.replace(POINTS, FLAG))
     scored = corners.any(axis=1)
     if flags.is_file():
@@ -91,10 +80,6 @@ def sequences_of(folder: Path, every: int = 1, given: Given = "outline", risk: f
         every: so many-th images are shown.
         given: what is told of the object before the first image.
         risk: probability below which answers of the tracker may be wrong.
-
-    Raises:
-        InputError: no such folder, no sequence in it, or one whose annotation is missing, broken or too short.
-        SourceError: a sequence without images.
     """
     if not folder.is_dir():
         raise InputError(f'"{folder}" is no folder', path=str(folder))
@@ -125,11 +110,7 @@ def _case_of(name: str, path: Path, folder: Path, every: int, given: Given, risk
 
 
 def _read_numbers(path: Path, columns: int) -> Floats:
-    """(n, columns) numbers of a file, a row a line.
-
-    Raises:
-        InputError: missing or unreadable file, or a row of other than so many finite numbers.
-    """
+    """(n, columns) numbers of a file, a row a line."""
     try:
         lines = read_text(path, "annotation").splitlines()
     except InputError as error:

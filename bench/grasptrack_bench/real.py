@@ -63,11 +63,7 @@ class Known:
 
 
 def read_scenes(path: Path) -> dict[str, Known]:
-    """What is known of videos, by their names, from a table with the columns name, object and quad; others are passed over.
-
-    Raises:
-        InputError: an unreadable file, missing columns, a name twice, or what is no pixel or no quadrilateral.
-    """
+    """What is known of videos, by their names, from a table with the columns name, object and quad; others are passed over."""
     found: dict[str, Known] = {}
     for number, row in enumerate(read_rows(path, "scenes"), start=2):
         try:
@@ -209,19 +205,11 @@ class RealCase:
         return self.video.stem
 
     def homographies(self) -> dict[int, Floats]:
-        """H_current_reference (3, 3) by frame.
-
-        Raises:
-            InputError: the table cannot be read.
-        """
+        """H_current_reference (3, 3) by frame."""
         return read_homographies(self.table)
 
     def truths(self, size: tuple[int, int]) -> Truths:
-        """What the table tells, for images of a width and height in px.
-
-        Raises:
-            InputError: the table cannot be read.
-        """
+        """What the table tells, for images of a width and height in px."""
         return Truths(self.homographies(), self.known, size)
 
 
@@ -286,9 +274,6 @@ def videos_of(
         fingers, friction: of the grasps that are chosen.
         given: of what `scenes.csv` in that folder tells; None is a pixel where there is that table, else nothing.
         risk: probability below which answers of the tracker may be wrong.
-
-    Raises:
-        InputError: no such folder, none in it, a table that is needed and missing or broken, or three fingers on two sides.
     """
     if given in ON_QUAD and fingers != 2:
         raise InputError(f"a quadrilateral gives 2 contacts, not {fingers}", fingers=fingers)
@@ -322,10 +307,6 @@ def run_video(task: tuple[RealCase, tuple[str, ...]]) -> dict[str, list[FrameSco
 
     The grasp is chosen by the tracker in the first frame and given to all methods; with the object's quadrilateral
     given, it is put on two opposite sides of it.
-
-    Raises:
-        InputError: the video or the table cannot be read.
-        GraspError: there is no object or no grasp in the first frame, or the object chosen there is another one.
     """
     case, methods = task
     with sequence_of(case) as (start, shown, begin):
@@ -337,9 +318,6 @@ def sequence_of(case: RealCase) -> Iterator[tuple[MethodStart, Iterator[MethodFr
     """What all methods are told of a video, its frames from the first that its table lists on, and the number of that.
 
     Frames are numbered as they are shown: number n is frame n of the video where all are, else the n-th of every so many.
-
-    Raises:
-        InputError, GraspError: as in `run_video`.
     """
     if not case.table.is_file():
         raise InputError(f'no video of this name with a table of homographies lies in "{case.video.parent}"')
@@ -357,11 +335,7 @@ def sequence_of(case: RealCase) -> Iterator[tuple[MethodStart, Iterator[MethodFr
 
 
 def _make_start(case: RealCase, first: Frame, truths: Truths) -> MethodStart:
-    """What all methods are told.
-
-    Raises:
-        GraspError: see `run_video`.
-    """
+    """What all methods are told."""
     height, width = first.image.shape[:2]
     size = width, height
     pixel = None if case.known is None or case.given == "nothing" else case.known.object_at

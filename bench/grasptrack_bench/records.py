@@ -38,11 +38,7 @@ def write_records(path: Path, scores: Mapping[str, Sequence[FrameScore]]) -> Non
 
 
 def read_records(path: Path) -> dict[str, list[FrameScore]]:
-    """The inverse of `write_records`, digits and all.
-
-    Raises:
-        InputError: missing or unreadable file, or one that is no such table.
-    """
+    """The inverse of `write_records`, digits and all."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.reader(file)
@@ -116,15 +112,7 @@ _ENTRIES = [f"h{row}{column}" for row in "123" for column in "123"]
 
 
 def read_rows(path: Path, what: str) -> list[dict[str, str]]:
-    """The rows of a table by its columns.
-
-    Args:
-        path: the table.
-        what: it holds, for the message.
-
-    Raises:
-        InputError: missing or unreadable file.
-    """
+    """The rows of a table by its columns."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             return list(csv.DictReader(file))
@@ -133,11 +121,7 @@ def read_rows(path: Path, what: str) -> list[dict[str, str]]:
 
 
 def read_homographies(path: Path) -> dict[int, Floats]:
-    """H_current_reference (3, 3) by frame, from a table with the columns frame, h11 ... h33; others are passed over.
-
-    Raises:
-        InputError: missing or unreadable file, missing columns, or an entry that is no number.
-    """
+    """H_current_reference (3, 3) by frame, from a table with the columns frame, h11 ... h33; others are passed over."""
     table: dict[int, Floats] = {}
     for number, row in enumerate(read_rows(path, "homographies"), start=2):
         try:

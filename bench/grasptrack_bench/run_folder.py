@@ -76,11 +76,7 @@ class EvaluationRun:
 
     @cached_property
     def scores(self) -> dict[str, dict[str, list[FrameScore]]]:
-        """Scored frames by case and method, of the cases that have results.
-
-        Raises:
-            InputError: a file of scored frames is missing or broken.
-        """
+        """Scored frames by case and method, of the cases that have results."""
         return {c.name: read_records(case_file(self.path, c.name)) for c in self.cases if not c.error}
 
     @cached_property
@@ -118,11 +114,7 @@ class EvaluationRun:
 
 
 def read_run(path: Path) -> EvaluationRun:
-    """Read the index of a run's folder.
-
-    Raises:
-        InputError: no such folder, or what it holds is no evaluation of this format.
-    """
+    """Read the index of a run's folder."""
     file = path / INDEX
     try:
         index = json.loads(file.read_text(encoding="utf-8"))
@@ -229,9 +221,6 @@ def fill_run_folder(
         command: that repeats the run, for the index.
         last: file that the caller writes when all is scored; a run without it did not finish.
         progress: see `Progress`; when it raises, the run stops and can be gone on with.
-
-    Raises:
-        InputError: the folder cannot be written, or another run writes to it.
     """
     head: dict[str, Any] = {
         "format": FORMAT,
@@ -292,11 +281,7 @@ def case_file(folder: Path, name: str) -> Path:
 
 
 def _remove_old_cases(folder: Path) -> None:
-    """Remove the cases of an earlier run.
-
-    Raises:
-        InputError: a file cannot be removed.
-    """
+    """Remove the cases of an earlier run."""
     for path in [*(folder / CASES).glob("*.csv"), *(folder / CASES).glob("*.part")]:
         try:
             with contextlib.suppress(FileNotFoundError):

@@ -96,33 +96,21 @@ def make_scene_cases(
 
 
 def run_case(task: tuple[SceneCase, tuple[str, ...]]) -> dict[str, list[FrameScore]]:
-    """Scored frames by method of one case.
-
-    Raises:
-        GraspError: there is no grasp to follow on this part.
-    """
+    """Scored frames by method of one case."""
     case, methods = task
     start, shown = show_scene(case.scene(), case.fingers, case.friction)
     return score_sequence(shown, method_makers(methods, case.risk), start)
 
 
 def show_scene(scene: Scene, fingers: int = 2, friction: float = 0.5) -> tuple[MethodStart, Iterator[MethodFrame]]:
-    """What all methods are told of a scene, and its frames with their truth.
-
-    Raises:
-        GraspError: there is no grasp to follow on this part.
-    """
+    """What all methods are told of a scene, and its frames with their truth."""
     outline = scene[0].outline
     start = MethodStart(chosen_grasp(outline, fingers, friction), outline, (scene.camera.width, scene.camera.height))
     return start, (MethodFrame(frame.image, frame.time, Truth.of_scene(frame)) for frame in scene)
 
 
 def built_in(names: Sequence[str] = ()) -> list[ScenePart]:
-    """Parts by the names of their outlines; all of them where none is named.
-
-    Raises:
-        InputError: a name that is none.
-    """
+    """Parts by the names of their outlines; all of them where none is named."""
     for name in names:
         if name not in SHAPES:
             raise InputError(f'unknown shape "{name}"; choose from {", ".join(SHAPES)}', name=name)
@@ -130,12 +118,7 @@ def built_in(names: Sequence[str] = ()) -> list[ScenePart]:
 
 
 def parts_from_silhouettes(spec: str | os.PathLike[str]) -> list[ScenePart]:
-    """A part for each image of a folder or pattern: what is not black is material.
-
-    Raises:
-        SourceError: nothing there, or an image that cannot be read.
-        InputError: an image without a silhouette.
-    """
+    """A part for each image of a folder or pattern: what is not black is material."""
     parts = []
     for path in open_masks(spec):
         try:
@@ -151,10 +134,6 @@ def parts_from_photos(spec: str | os.PathLike[str], masks: str | os.PathLike[str
     Args:
         spec: of the photos.
         masks: of their masks, which have the photos' names, whatever their suffix.
-
-    Raises:
-        SourceError: nothing there, or an image that cannot be read.
-        InputError: a photo without mask, or a mask of another size or without an object.
     """
     of = {path.stem: path for path in open_masks(masks)}
     parts = []

@@ -86,11 +86,6 @@ def create_scheduler(address: str | None = None, workers: int | None = None) -> 
     Args:
         address: of a Dask scheduler, "tcp://host:8786"; None works on this machine.
         workers: processes on this machine; None takes as many as there are cores for this process.
-
-    Raises:
-        InputError: fewer than one worker, workers asked of a cluster, or a cluster without its extra installed; on the
-            way, when nothing answers at the address.
-        GraspTrackError: on the way, when the cluster's scheduler is gone.
     """
     if address is None:
         if workers is not None and workers < 1:

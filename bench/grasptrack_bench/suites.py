@@ -69,11 +69,7 @@ class Work:
 
 
 def method_names(names: Sequence[str] = (), *, peers: bool = False) -> tuple[str, ...]:
-    """Names of methods to measure: those given, or the tracker's strategies, and with `peers` all peers that are here.
-
-    Raises:
-        InputError: as `makers`.
-    """
+    """Names of methods to measure: those given, or the tracker's strategies, and with `peers` all peers that are here."""
     wanted = list(names or OURS)
     if peers:
         wanted += [name for name in available_baselines() if name not in wanted]
@@ -109,11 +105,7 @@ class SceneOptions:
 
 
 def scene_suite(asked: SceneOptions) -> Work:
-    """Every part under every disturbance.
-
-    Raises:
-        InputError: unknown names, or images that are no parts.
-    """
+    """Every part under every disturbance."""
     for name in asked.disturbances:
         if name not in DISTURBANCES:
             raise InputError(f'unknown disturbance "{name}"; choose from {", ".join(DISTURBANCES)}', name=name)

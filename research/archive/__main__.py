@@ -37,12 +37,7 @@ CORRESPONDENCE_HEAD = (
 
 
 def write_archive(folder: Path, told: ObjectRuns) -> None:
-    """Write contours, homographies, transfers, tables, the scorer, and what a deposit needs; README.md says what is where.
-
-    Args:
-        folder: is made where it is not there; files in it are replaced.
-        told: all of three objects.
-    """
+    """Write contours, homographies, transfers, tables, the scorer, and what a deposit needs; README.md says what is where."""
     contours, tables = folder / "contours", folder / "tables"
     for made in (contours, tables):
         made.mkdir(parents=True, exist_ok=True)

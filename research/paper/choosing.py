@@ -151,11 +151,7 @@ def rule_runs(footage: Footage, seed: int) -> Iterator[StrategyRun]:
 
 
 def table_of_rule(runs: Sequence[StrategyRun]) -> Table:
-    """Table W: the rule beside each strategy alone.
-
-    Args:
-        runs: of the rule and of the paths.
-    """
+    """Table W: the rule beside each strategy alone."""
     alone = [r for r in runs if r.experiment == "paths" and r.way == PRIOR and r.strategy in STRATEGIES]
     rule = [r for r in runs if r.experiment == "rule"]
     shares = tuple(f"by {name}, %" for name in STRATEGIES)

@@ -50,14 +50,7 @@ SIDE = 130.0
 
 
 def table_of_contexts(courses: Sequence[Course], part: FilmedPart, seed: int, after: Callable[[], None]) -> Table:
-    """Requirements of the strategies and what happens without them.
-
-    Args:
-        courses: of all objects, strategies, contours and ways.
-        part: the object of the experiments that need only one.
-        seed: of the scenes.
-        after: called after each frame of the two scenes.
-    """
+    """Requirements of the strategies and what happens without them."""
     rows: list[Row] = []
     for motion, section, what in (
         (MOTIONS[0], "III", "resampled contours, all objects"),

@@ -106,11 +106,7 @@ def find_literal_correspondences(footage: Footage, frame: int) -> Correspondence
 
 
 def _pair_of_views(footage: Footage, frame: int) -> tuple[View, View, Grasp]:
-    """The first frame's view and another's, and the grasp on the first.
-
-    Raises:
-        StrategyError: one of them shows no outline; the message says why.
-    """
+    """The first frame's view and another's, and the grasp on the first."""
     views = footage.silhouettes[0], footage.silhouettes[frame]
     for view in views:
         if isinstance(view, str):

@@ -41,11 +41,7 @@ Row = Mapping[str, str]
 
 
 def read_table(folder: Path, number: str) -> list[dict[str, str]]:
-    """Rows of `NUMBER.csv` by head.
-
-    Raises:
-        InputError: no such table.
-    """
+    """Rows of `NUMBER.csv` by head."""
     path = folder / f"{number}.csv"
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -55,11 +51,7 @@ def read_table(folder: Path, number: str) -> list[dict[str, str]]:
 
 
 def fill_page(text: str, folder: Path) -> str:
-    """The page with every table and every cell between its comments written anew.
-
-    Raises:
-        InputError: a table, or a column of it, that there is not, or no row that is asked for.
-    """
+    """The page with every table and every cell between its comments written anew."""
 
     def fill(found: re.Match[str]) -> str:
         number, asked = found[2].strip(), [part.strip() for part in found[3].split("|")[1:]]
@@ -83,9 +75,6 @@ def markdown_of(rows: Sequence[Row], columns: str = "", where: str = "", number:
         columns: heads to show, between semicolons, each as itself or `as` another; all if empty.
         where: what rows must have: `head = value / value`, between semicolons; all rows if empty.
         number: of the table, for messages.
-
-    Raises:
-        InputError: see `fill_page`.
     """
     pairs = [(head, name or head) for head, _, name in (c.partition(" as ") for c in _parts(columns) or rows[0])]
     kept = _kept_rows(rows, where, number)

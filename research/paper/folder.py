@@ -44,9 +44,6 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
 
     Returns:
         The path of the page.
-
-    Raises:
-        InputError: the folder cannot be written.
     """
     made = software_versions()
     head = {"format": 1, "kind": "paper", "options": dict(options), "versions": made, "backend": kernels.BACKEND}

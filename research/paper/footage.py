@@ -137,11 +137,7 @@ def _begun_at(polygon: Floats, along: float) -> Floats:
 
 
 def make_part(name: str, seed: int) -> FilmedPart:
-    """An object and its grasp in the first view of the trajectories.
-
-    Raises:
-        ObservationError: no stable grasp that all strategies can describe.
-    """
+    """An object and its grasp in the first view of the trajectories."""
     shape = SHAPES[name]()
     to_image = camera_trajectory("4 DoF", 1, seed).table_to_image(Pinhole())[0]
     curves = tuple(np.ascontiguousarray(apply_homography(to_image, p)) for p in shape.polygons)
@@ -150,11 +146,7 @@ def make_part(name: str, seed: int) -> FilmedPart:
 
 
 def describable_contacts(view: View) -> Floats:
-    """(2, 2) px, the best grasp on an outline that all strategies can describe.
-
-    Raises:
-        ObservationError: no stable grasp of which that holds.
-    """
+    """(2, 2) px, the best grasp on an outline that all strategies can describe."""
     reason = "no stable grasp"
     for grasp in synthesize(view, top=10):
         try:
@@ -345,9 +337,6 @@ def rendered_footage(
 
     Returns:
         The footage, and the first image and the one in the middle, (H, W) each.
-
-    Raises:
-        ObservationError: no object in the first image.
     """
     return observe_scene(part, motion, Scene(part.shape, camera_trajectory(motion, frames, seed), seed=seed), after)
 
@@ -385,9 +374,6 @@ def follow_outlines(
 
     Returns:
         Extracted and tracked outlines by frame, and the contacts on the first of each.
-
-    Raises:
-        ObservationError: no object in the first image.
     """
     extracted = ExtractedOutlines()
     hints = FirstImage(object_at=() if object_at is None else (object_at,))

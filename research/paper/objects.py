@@ -64,16 +64,7 @@ class ObjectRuns:
 
 
 def run_objects(frames: int, seed: int, progress: Progress | None = None) -> ObjectRuns:
-    """Film the three objects and transfer their grasps.
-
-    Args:
-        frames: of each path.
-        seed: of trajectories, textures, noise and starts of contours.
-        progress: see `Progress`.
-
-    Raises:
-        ObservationError: an object has no grasp that every strategy can describe, or is not found in its first image.
-    """
+    """Film the three objects and transfer their grasps."""
     parts = [make_part(name, seed) for name in OBJECTS]
     footage, images = _all_footage(parts, frames, seed, progress)
     tick = Ticker(progress, "transfers", sum(len(ways_of(s)) for s in COMPARED) * len(footage))

@@ -45,9 +45,6 @@ def paper_report(
 
     Returns:
         The path of the page.
-
-    Raises:
-        InputError: the folder cannot be written.
     """
     try:
         figures = folder / "figures"

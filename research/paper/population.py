@@ -44,13 +44,7 @@ SEEDS_OF_VARIANTS = 3
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One shape with one seed.
-
-    Attributes:
-        shape: its name.
-        seed: of path, contours and border.
-        frames: of each path.
-    """
+    """One shape with one seed."""
 
     shape: str
     seed: int

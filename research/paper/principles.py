@@ -41,11 +41,7 @@ from research.paper.transfers import Refused
 
 
 def draw_grasp_line(axes: Any, view: View, grasp: Grasp) -> grasp_line.GraspLineDescription:
-    """A grasp's line beside the inertia axes, and the distances that describe it.
-
-    Raises:
-        GraspTrackError: see `grasp_line.describe`.
-    """
+    """A grasp's line beside the inertia axes, and the distances that describe it."""
     described = grasp_line.describe(grasp, view)
     centre, root, (a, b) = np.array(described.centroid), math.sqrt(described.area), grasp.contacts
     draw_outline(axes, view)

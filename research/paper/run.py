@@ -91,11 +91,6 @@ def run_paper(
         extent: how much; None for all.
         schedule: of the shapes and seeds; None does one after the other in this process.
         progress: see `Progress`.
-
-    Raises:
-        InputError: too few frames, no seed, or a shape that there is not.
-        ObservationError: an object has no grasp that every strategy can describe, or is not found in its first image.
-        GraspTrackError: a worker failed.
     """
     extent = extent or Extent()
     _check(extent)

@@ -26,11 +26,7 @@ _HEAD = (
 
 
 def table_of_searches(footage: Sequence[Footage]) -> Table:
-    """The best grasp of each frame's outline, and the first frame's best carried there by the homography.
-
-    Args:
-        footage: rendered; an object that was not found in the first image is left out.
-    """
+    """The best grasp of each frame's outline, and the first frame's best carried there by the homography."""
     rows = [row for f in footage if (row := _compare(f)) is not None]
     return Table(
         "G",

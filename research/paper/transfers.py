@@ -118,15 +118,7 @@ def measure_answers(footage: Footage, strategy: str, answers: Iterable[Answer]) 
 def transferred_contacts(
     strategy: TransferStrategy, outlines: Sequence[Seen], contacts: Floats, way: Way, quantised: bool = False
 ) -> list[Answer]:
-    """(k, 2) px in each outline after the first, or why there are none.
-
-    Args:
-        strategy: any.
-        outlines: by frame.
-        contacts: (k, 2) px in the first.
-        way: how the grasp goes along them.
-        quantised: every answer goes to the nearest point of the contours.
-    """
+    """(k, 2) px in each outline after the first, or why there are none."""
     first, rest = outlines[0], outlines[1:]
     if isinstance(first, str):
         return [first] * len(rest)

@@ -151,10 +151,6 @@ def fit_inflation(tried: list[SequenceCoverage], chosen: NDArray[np.int64]) -> F
 
     Sharpness subject to calibration (Gneiting, Balabdaoui and Raftery 2007). Where none holds so many, the sharpest of those
     that hold most kinds.
-
-    Args:
-        tried: of every sequence.
-        chosen: numbers of the sequences, some more than once.
     """
     held: dict[str, list[Floats]] = {}
     for i in chosen.tolist():

@@ -138,14 +138,7 @@ HEAD = ("confidence", "answers", "wrong as told", "wrong", "95 %")
 
 
 def plot_reliability(path: Path, shares: Floats, labels: Sequence[str], title: str) -> None:
-    """Draw the share of wrong answers as counted over that told, both logarithmic.
-
-    Args:
-        path: of the PNG.
-        shares: (n, 4) of each bin: as told, as counted, least and most of the 95 % interval.
-        labels: of each bin.
-        title: above.
-    """
+    """Draw the share of wrong answers as counted over that told, both logarithmic."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

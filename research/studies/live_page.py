@@ -155,11 +155,7 @@ def measure_pairs(
 
 
 def wait_until_drawn(server: PageServer) -> None:
-    """Until a page has drawn some images, and what starts with it has started.
-
-    Raises:
-        InputError: none does.
-    """
+    """Until a page has drawn some images, and what starts with it has started."""
     server.hub.round_trips.clear()
     until = time.monotonic() + PATIENCE_S
     while len(server.hub.round_trips) < SEEN:

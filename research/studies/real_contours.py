@@ -34,17 +34,7 @@ def read_truths(path: Path) -> Floats:
 
 
 def film_footage(name: str, data: Path, frames: int | None = None) -> Footage:
-    """The outlines of a film.
-
-    Args:
-        name: of `FILMS`.
-        data: folder with `videos/`.
-        frames: the first so many; None for all.
-
-    Raises:
-        InputError: the film cannot be read.
-        ObservationError: no object in the first image, or no grasp on it.
-    """
+    """The outlines of a film."""
     H = read_truths(data / "videos" / f"{name}.derived_homographies.csv")[:frames]
     images = [frame.image for frame, _ in zip(open_source(data / "videos" / f"{name}.mp4"), H, strict=False)]
     view = first_look(images[0])[0].view

@@ -21,8 +21,8 @@ BUDGETS = {
     "src/grasptrack/view": 2_037,
     "src/grasptrack/trackability": 1_975,
     "src/grasptrack/grasp": 1_887,
-    "bench": 15_554,
-    "research": 10_824,
+    "bench": 15_228,
+    "research": 10_712,
     "native": 7_356,
     "tests": 42_257,
 }

@@ -20,11 +20,7 @@ IMAGES = ("auto", "mujoco", "planar")
 
 
 def check_options(*, scenario: str, arm: str, law: str, images: str, fingers: int = 2) -> None:
-    """See that names are known and MuJoCo is there.
-
-    Raises:
-        InputError: one is not.
-    """
+    """See that names are known and MuJoCo is there."""
     for option, value, known in (
         ("--scenario", scenario, SCENARIOS),
         ("--arm", arm, ARMS),

@@ -106,13 +106,7 @@ def first_look(
 
 
 def closing_grasps(view: View, fingers: int, hand: Hand) -> Choice:
-    """Grasps that the hand closes on from outside, best first, and why there is none.
-
-    Args:
-        view: the outline.
-        fingers: 2, or 3 that are a third of a turn apart on one drive.
-        hand: its limits, as `hand_for` tells them.
-    """
+    """Grasps that the hand closes on from outside, best first, and why there is none."""
     if fingers == 2:
         ranked = synthesize(view, fingers, FRICTION, hand=hand)
         squeezing: list[Grasp] = [g for g in ranked if not g.spread]
@@ -198,14 +192,7 @@ def radial_grasps(view: View, hand: Hand, friction: float, even: float) -> Choic
 
 
 def even_triples(at: Candidates, friction: float, even: float, reach: float) -> Ints:
-    """(g, 3) indices of candidates that three such fingers touch from outside, each within its friction cone.
-
-    Args:
-        at: the candidates.
-        friction: Coulomb coefficient.
-        even: px between the third contact and its place, at most.
-        reach: px from the middle, at most.
-    """
+    """(g, 3) indices of candidates that three such fingers touch from outside, each within its friction cone."""
     usable = np.flatnonzero(at.usable & (at.roughness <= UnevennessLimits().roughness))
     p, n = at.contacts[usable], at.normals[usable]
     if not len(usable):

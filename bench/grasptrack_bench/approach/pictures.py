@@ -47,10 +47,6 @@ _BLIND = {
 def side_by_side(world: World, step: Step, last: View | None = None) -> Pixels:
     """(H, 1280, 3) BGR: the hand's view with the tracker's overlay and the goal, the view from beside, what is done and why
     below, and what the marks mean.
-
-    Args:
-        world, step: what is shown.
-        last: outline where the object was seen last; drawn dashed while it is lost.
     """
     view = world.hand_in_colour()
     if step.image is None or step.result is None:

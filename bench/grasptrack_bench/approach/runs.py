@@ -95,18 +95,7 @@ class TrialRecord:
 def run_and_film(
     case: ApproachCase, output: Path, *, video: bool, options: dict[str, Any], progress: Progress | None
 ) -> Row:
-    """Run one approach; write approach.mp4, approach.png and approach.json.
-
-    Args:
-        case: what to try.
-        output: folder, made when missing; the files of an earlier approach are removed.
-        video: write the video.
-        options: what was asked for, for the verdict's file.
-        progress: see `TrialRecord`.
-
-    Raises:
-        InputError: the folder cannot be written, another run writes to it, MuJoCo is missing, or the part cannot be shown.
-    """
+    """Run one approach; write approach.mp4, approach.png and approach.json."""
     with hold_folder(output):
         for name in (VIDEO, PLOTS, VERDICT):
             (output / name).unlink(missing_ok=True)
@@ -141,14 +130,7 @@ def draw_cases(
     risk: float = DEFAULT_RISK,
     sure: float = 0.0,
 ) -> list[ApproachCase]:
-    """Trials with shapes in an order that the seed decides, each as often as the others, give or take one.
-
-    Args:
-        shapes: to draw from.
-        count: of trials.
-        seed: of everything; trial k is the same for every law.
-        scenario, arm, law, images, fingers, risk, sure: as in `ApproachCase`.
-    """
+    """Trials with shapes in an order that the seed decides, each as often as the others, give or take one."""
     rng = np.random.default_rng((seed, 73))
     order: list[int] = []
     while len(order) < count:
@@ -250,9 +232,6 @@ def run_trials(
         options: what was asked for, for the index; what decides the cases.
         progress: called with a step's name, trials done, and all of them; when it raises, the run stops and can be gone on
             with.
-
-    Raises:
-        InputError: the folder cannot be written, or another run writes to it.
     """
     head = {
         "format": FORMAT,

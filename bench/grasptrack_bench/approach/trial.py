@@ -84,12 +84,7 @@ class Looking:
         )  # looked for anew it is the same part, no surer to be the one that is meant
 
     def update(self, image: NDArray[Any], time: float, *, look: bool = True) -> TrackResult:
-        """What is seen now.
-
-        Args:
-            image, time: as for `GraspTracker.update`.
-            look: the part may be looked for anew.
-        """
+        """What is seen now."""
         result: TrackResult = self._tracker.update(image, time)
         self._found.append(result.status == "tracked")
         self._wait = max(0, self._wait - 1)

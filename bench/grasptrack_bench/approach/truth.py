@@ -29,14 +29,7 @@ def on_part(world: World, contacts: Floats) -> Floats:
 
 
 def record_closing_errors(row: Row, world: World, chosen: Floats, contacts: Floats) -> None:
-    """Fill in what is true when the hand begins to close: contact_error_px, right, aside_mm, turned_deg.
-
-    Args:
-        row: of the trial.
-        world: now.
-        chosen: (k, 2) m, the contacts that were chosen, on the part.
-        contacts: (k, 2) px, where the tracker says that they are.
-    """
+    """Fill in what is true when the hand begins to close: contact_error_px, right, aside_mm, turned_deg."""
     seen, rings = apply_homography(world.outline_to_image(), chosen), _outline_in_image(world)
     row.contact_error_px = float(np.hypot(*(contacts - seen).T).max())
     row.right = max(row.contact_error_px, _max_outline_distance(seen, rings)) <= _contact_tolerance(rings)
@@ -78,10 +71,6 @@ def pairs_that_close(shape: Shape, size: float) -> int:
     """How many pairs of points two fingers could close on from outside: within the opening, both cones, room beside.
 
     Nothing of the synthesis is used. A pad's normal is that of the straight line that fits the outline under it.
-
-    Args:
-        shape: the part.
-        size: m, the square root of its area.
     """
     rings = [ring * size for ring in shape.polygons]
     points, normals = sample_pad_contacts(rings)
@@ -159,10 +148,6 @@ def triples_that_close(shape: Shape, size: float) -> int:
     """How many triples of points three fingers could close on from outside: at equal angles and, within EVEN, distances.
 
     Each within the opening and its cone, with room beside. Nothing of the synthesis is used. Complex numbers are points.
-
-    Args:
-        shape: the part.
-        size: m, the square root of its area.
     """
     rings = [ring * size for ring in shape.polygons]
     p, n = (each @ np.array([1.0, 1.0j]) for each in sample_pad_contacts(rings))

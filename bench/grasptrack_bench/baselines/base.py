@@ -53,12 +53,7 @@ class PartRegion(NamedTuple):
 
 
 def region_of(start: MethodStart, image: Grey) -> PartRegion:
-    """The part as the start tells it, else as the product's own segmentation finds it at the contacts, else a box.
-
-    Args:
-        start: what is known of the first image.
-        image: (H, W), the first image.
-    """
+    """The part as the start tells it, else as the product's own segmentation finds it at the contacts, else a box."""
     polygons = start.outline
     if not polygons:
         view = view_at(image, start.contacts)

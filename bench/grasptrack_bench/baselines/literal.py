@@ -49,11 +49,7 @@ class LiteralRRP:
         return NearestSamples(contour, apart - view.offsets[contour], np.diff(view.offsets))
 
     def apply(self, description: NearestSamples, view: Outline, prior: Floats | None = None) -> Transfer:
-        """The same samples of another contour.
-
-        Raises:
-            StrategyError: contours of another number of points.
-        """
+        """The same samples of another contour."""
         if not np.array_equal(description.counts, np.diff(view.offsets)):
             raise StrategyError("RRP needs contours whose points correspond one to one")
         contacts = view.points[view.offsets[description.contour] + description.point]
@@ -92,11 +88,7 @@ class LiteralGraspLine:
     invariant: bool = False
 
     def describe(self, grasp: Grasp, view: Outline) -> LineOverArea:
-        """Grasp-line coordinates.
-
-        Raises:
-            StrategyError: not two fingers.
-        """
+        """Grasp-line coordinates."""
         if len(grasp.contacts) != 2:
             raise StrategyError(f"grasp-line coordinates carry two fingers, not {len(grasp)}", fingers=len(grasp))
         line = kernels.grasp_line(view.points, view.offsets, grasp.contacts)
@@ -106,11 +98,7 @@ class LiteralGraspLine:
         )
 
     def apply(self, description: LineOverArea, view: Outline, prior: Floats | None = None) -> Transfer:
-        """The crossings of the outline nearest to where the coordinates put the contacts.
-
-        Raises:
-            CrossingError: the line does not meet the outline twice.
-        """
+        """The crossings of the outline nearest to where the coordinates put the contacts."""
         d = description
         turn = 0.0
         if prior is not None:
@@ -167,12 +155,7 @@ class LiteralHomography:
     refined: bool = True
 
     def describe(self, grasp: Grasp, view: Outline) -> Peaks:
-        """Select the four points.
-
-        Raises:
-            PeaksError: the contour has fewer than four peaks, or none that serve.
-            StrategyError: not two fingers, of which alone Fig. 11 tells.
-        """
+        """Select the four points."""
         if len(grasp.contacts) != 2:
             raise StrategyError(f"the refinement of Fig. 11 is for two fingers, not {len(grasp)}", fingers=len(grasp))
         if self.chosen:
@@ -187,21 +170,11 @@ class LiteralHomography:
         return Peaks(grasp.contacts, view.contours[0], self._curvature(view.contours[0]), samples)
 
     def apply(self, description: Peaks, view: Outline, prior: Floats | None = None) -> Transfer:
-        """The four steps of Fig. 9.
-
-        Raises:
-            AmbiguousError: with `aligned`: every turn fits alike.
-            ConditioningError: the correspondences give no homography.
-            CrossingError: the line does not meet the outline twice.
-        """
+        """The four steps of Fig. 9."""
         return self.applied(description, view, self.homography(description, view.contours[0], prior))
 
     def applied(self, description: Peaks, view: Outline, H: Floats) -> Transfer:
-        """Steps 3 and 4: the contacts through H (3, 3), and moved onto the outline.
-
-        Raises:
-            ConditioningError, CrossingError: see `apply`.
-        """
+        """Steps 3 and 4: the contacts through H (3, 3), and moved onto the outline."""
         applied = apply_homography(H, description.contacts)
         if not np.isfinite(applied).all():
             raise ConditioningError("the homography sends a contact to infinity")
@@ -213,11 +186,7 @@ class LiteralHomography:
         return Transfer(Grasp.of(found.contacts), H, None, found.residual)
 
     def homography(self, description: Peaks, current: Contour, prior: Floats | None) -> Floats:
-        """(3, 3) of the four correspondences (steps 1 and 2).
-
-        Raises:
-            AmbiguousError, ConditioningError: see `apply`.
-        """
+        """(3, 3) of the four correspondences (steps 1 and 2)."""
         _, there, _ = self.matches(description, current, prior)
         points = np.column_stack([np.interp(there, np.arange(len(current) + 1), c) for c in _closed(current.points).T])
         try:
@@ -229,11 +198,7 @@ class LiteralHomography:
         return H
 
     def matches(self, description: Peaks, current: Contour, prior: Floats | None) -> tuple[Floats, Floats, Floats]:
-        """(N,) the current contour's curvature, (4,) places in it that match the samples, (4,) the errors of eq. (3).
-
-        Raises:
-            AmbiguousError: see `apply`.
-        """
+        """(N,) the current contour's curvature, (4,) places in it that match the samples, (4,) the errors of eq. (3)."""
         kappa = len(current) / len(description.outline)
         v = self._curvature(current)
         centres = self._centres(description, current, kappa, prior)

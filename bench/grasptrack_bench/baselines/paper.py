@@ -47,11 +47,7 @@ class ExtractedOutlines:
         self._last: View | None = None
 
     def candidates(self, image: NDArray[Any], hints: FirstImage | None = None) -> list[Candidate]:
-        """Objects of the first image, the likeliest first.
-
-        Raises:
-            ObservationError: none.
-        """
+        """Objects of the first image, the likeliest first."""
         self._observer.set_image(image)
         return self._observer.find_objects(hints or FirstImage())
 
@@ -103,9 +99,6 @@ class OtsuSilhouettes:
 
     Whether the part is darker or lighter than the ground is settled in the first image, as a user would. There is no
     test: if the part is gone, something else is the most like it.
-
-    Args:
-        contacts: (k, 2) px in the first image.
     """
 
     def __init__(self, contacts: Floats) -> None:

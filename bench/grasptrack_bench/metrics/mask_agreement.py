@@ -21,12 +21,7 @@ ENOUGH_IOU = 0.7
 
 
 def mask_of(view: View | Contour, shape: tuple[int, int]) -> Mask:
-    """(H, W) whether each pixel's centre lies on the object: inside its outline and in no hole (even-odd rule).
-
-    Args:
-        view: px, pixel centres at integer coordinates.
-        shape: (H, W) px; what lies outside is cut off.
-    """
+    """(H, W) whether each pixel's centre lies on the object: inside its outline and in no hole (even-odd rule)."""
     return inside_mask([c.points for c in view.contours], shape[1], shape[0])
 
 
@@ -77,12 +72,7 @@ def boundary_f(a: Mask, b: Mask, tolerance: float = 4.0) -> float:
 
 
 def band_iou(mask: Mask, radius: float = 2.0) -> tuple[float, float]:
-    """IoU of a mask with itself eroded and with itself dilated by a disc: what masks no more exact than this can tell.
-
-    Args:
-        mask: (H, W), clear of the image's border.
-        radius: px.
-    """
+    """IoU of a mask with itself eroded and with itself dilated by a disc: what masks no more exact than this can tell."""
     return intersection_over_union(mask, ~dilate_mask(~mask, radius)), intersection_over_union(
         mask, dilate_mask(mask, radius)
     )

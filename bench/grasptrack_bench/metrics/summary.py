@@ -101,11 +101,7 @@ class Summary:
 
 
 def summarise_run(run: EvaluationRun) -> Summary:
-    """All figures of a run.
-
-    Raises:
-        InputError: a file of scored frames cannot be read.
-    """
+    """All figures of a run."""
     cases = run.scored
 
     def rows_by(of: Callable[[Case], str], names: Sequence[str]) -> tuple[MethodRow, ...]:

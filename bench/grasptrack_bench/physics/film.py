@@ -170,13 +170,7 @@ class PlanarFilm:
 
 
 def shadow_on_table(world: World, K: Floats, to_camera: Floats) -> Floats32:
-    """(480, 640) 0 to 1: where part, hand and arm keep the light of `images.SUN` from the table.
-
-    Args:
-        world: what stands there.
-        K: (3, 3) of the camera.
-        to_camera: (4, 4) from the world to its frame.
-    """
+    """(480, 640) 0 to 1: where part, hand and arm keep the light of `images.SUN` from the table."""
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
 
     def fall(points: Floats) -> Floats:

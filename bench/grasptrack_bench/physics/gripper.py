@@ -99,11 +99,7 @@ class Gripper:
 
 
 def make_gripper(fingers: int) -> Gripper:
-    """A hand of two fingers that close along x, or of three, a third of a turn apart.
-
-    Raises:
-        InputError: another number.
-    """
+    """A hand of two fingers that close along x, or of three, a third of a turn apart."""
     if fingers == 2:
         return Gripper()
     if fingers == 3:

@@ -167,10 +167,7 @@ def draw_scene(
 ) -> Floats32:
     """Table and part, without the hand: grey levels (480, 640), or (480, 640, 3) BGR from a renderer of colours.
 
-    Args:
-        world, view: what is drawn, and who draws it.
-        K, camera_pose: (3, 3) and (4, 4) of the camera.
-        shade: takes the light of shadows from the table, in place, before the part is drawn.
+    `shade` takes the light of shadows from the table, in place, before the part is drawn.
     """
     table = np.eye(4)
     table[:2, 3] = world.belt_travel()
@@ -247,11 +244,7 @@ def _blur_layers(share: Pixels, light: Pixels) -> Layer:
 def images_of(
     kind: Literal["auto", "mujoco", "planar"], setting: Setting, hand: Gripper, name: str, seed: int
 ) -> Images:
-    """Who draws.
-
-    Raises:
-        InputError: an unknown kind, or MuJoCo is asked to draw and offscreen OpenGL is missing.
-    """
+    """Who draws."""
     if kind not in ("auto", "mujoco", "planar"):
         raise InputError(f'unknown images "{kind}"; choose from auto, mujoco, planar', images=kind)
     seen = sample_look(name, seed)

@@ -20,11 +20,7 @@ from grasptrack_bench.physics.setting import Arm, Setting
 
 
 def import_mujoco() -> Any:
-    """MuJoCo, drawing through EGL where the user did not choose otherwise and there is no screen.
-
-    Raises:
-        InputError: it is not installed.
-    """
+    """MuJoCo, drawing through EGL where the user did not choose otherwise and there is no screen."""
     if sys.platform == "linux" and not os.environ.get("DISPLAY"):
         os.environ.setdefault("MUJOCO_GL", "egl")
     try:
@@ -52,11 +48,7 @@ def joint_names(arm: Arm) -> tuple[str, ...]:
 
 
 def start_joints(setting: Setting, arm: Arm) -> Floats:
-    """Where the joints are when the hand is where the setting wants it: m and rad.
-
-    Raises:
-        InputError: the arm does not reach it.
-    """
+    """Where the joints are when the hand is where the setting wants it: m and rad."""
     if arm == "arm":
         return serial.start_joints(frames.inverse_pose(base_pose(setting)) @ setting.hand)
     R = setting.hand[:3, :3] @ frames.DOWN  # what the turn has to do

@@ -29,10 +29,6 @@ def convex_pieces(polygons: Sequence[Floats]) -> list[Floats]:
 
     Returns:
         (M, 2) each with positive signed area.
-
-    Raises:
-        ContourError: polygons that cross themselves or each other.
-        InputError: the triangulation is not installed.
     """
     try:
         from mapbox_earcut import triangulate_float64
@@ -122,9 +118,6 @@ def extrude_body(shape: Shape, size: float, thickness: float, density: float) ->
         size: m, the square root of its area.
         thickness: m.
         density: kg/m^3.
-
-    Raises:
-        ContourError: an outline that crosses itself.
     """
     scaled = Shape(shape.name, shape.outer * size, tuple(hole * size for hole in shape.holes))
     mass = density * thickness * size * size

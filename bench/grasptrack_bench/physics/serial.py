@@ -112,11 +112,7 @@ def inverse_kinematics(hand: Floats) -> list[Floats]:
 
 
 def start_joints(hand: Floats) -> Floats:
-    """Joints (6,) rad for a pose (4, 4) in the base, within their limits and nearest to REST.
-
-    Raises:
-        InputError: out of reach.
-    """
+    """Joints (6,) rad for a pose (4, 4) in the base, within their limits and nearest to REST."""
     ways = [q for q in inverse_kinematics(hand) if ((q > LOWEST) & (q < HIGHEST)).all()]
     if not ways:
         far = float(np.linalg.norm(hand[:3, :3] @ WRIST + hand[:3, 3]))

@@ -93,10 +93,6 @@ def sample_setting(
         arm: "gantry" starts upright, "arm" leans by up to 25 degrees.
         axis: rad, x toward y in the plane of the outline: where x of the hand points in a grasp, from which the hand is turned
             by up to 45 degrees at the start, or fingers have changed places as well; None draws one.
-
-    Raises:
-        InputError: unknown names, or a part that cannot be shown whole.
-        ContourError: an outline that crosses itself.
     """
     if scenario not in SCENARIOS:
         raise InputError(f'unknown scenario "{scenario}"; choose from {", ".join(SCENARIOS)}', scenario=scenario)

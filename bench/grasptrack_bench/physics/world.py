@@ -60,10 +60,6 @@ class World:
         watch: called once in every control period, also while the hand closes and lifts; None.
         failure: after a lift that failed, how.
         short_s: s in which an arm did not make nine tenths of the twist, at the end of its reach or of its joints' speed.
-
-    Raises:
-        InputError: MuJoCo or offscreen OpenGL is missing, unknown names, or a start out of the arm's reach.
-        ContourError: an outline that crosses itself.
     """
 
     def __init__(
@@ -167,9 +163,6 @@ class World:
         Args:
             twist: (6,) m/s and rad/s in the hand's frame. What the drives cannot do, they do as far as they can; a gantry
                 leaves turns about x and y out.
-
-        Raises:
-            InputError: not six finite numbers.
         """
         wanted = np.asarray(twist, dtype=np.float64)
         if wanted.shape != (6,) or not np.isfinite(wanted).all():

@@ -127,9 +127,6 @@ def compare_runs(a: Path, b: Path) -> Comparison:
 
     Args:
         a, b: folders of runs; a is the one before.
-
-    Raises:
-        InputError: a run cannot be read, they are of different kinds, or have no sequence or method in common.
     """
     one, other = read_run(a), read_run(b)
     if one.kind != other.kind:

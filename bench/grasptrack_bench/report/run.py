@@ -70,9 +70,6 @@ def write_report(folder: Path, *, picture: Picture | None = None, progress: Prog
 
     Returns:
         The path of the HTML page.
-
-    Raises:
-        InputError: the run cannot be read, or the folder not be written to.
     """
     run = read_run(folder)
     summary = summarise_run(run)

@@ -124,11 +124,7 @@ def value_of(row: MethodRow, key: str) -> float | int:
 
 
 def closing_table(folder: Path) -> tuple[Sequence[tuple[str, str]], list[list[str]]]:
-    """Heads with their alignment, and a row for each method over all cases; of videos also one for each method and video.
-
-    Raises:
-        InputError: the run cannot be read.
-    """
+    """Heads with their alignment, and a row for each method over all cases; of videos also one for each method and video."""
     run = read_run(folder)
     summary = summarise_run(run)
     heads: Sequence[str] = CLOSING_HEADS

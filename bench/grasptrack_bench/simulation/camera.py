@@ -26,9 +26,6 @@ class Pinhole:
         focal: px; None takes 1.1 times the width, a field of view of 49 degrees.
         k1, k2: of the distortion.
         aspect: width of a pixel as a share of its height; `focal` counts in pixel heights.
-
-    Raises:
-        InputError: the distortion turns back within the image.
     """
 
     width: int = 640

@@ -185,9 +185,6 @@ class Disturbance:
             surface: the part's own, as of a photo; else drawn by the seed.
             table: else drawn by the seed.
             colour: BGR images, else grey ones.
-
-        Raises:
-            InputError: fewer than 1 frame.
         """
         if frames < 1:
             raise InputError(f"a scene has at least 1 frame, not {frames}", frames=frames)
@@ -231,11 +228,7 @@ class Disturbance:
 
 
 def is_applicable(shape: Shape, name: str) -> bool:
-    """Whether a disturbance makes sense for a part: a mirror-symmetric one has no mirror image of its own.
-
-    Raises:
-        InputError: no such disturbance.
-    """
+    """Whether a disturbance makes sense for a part: a mirror-symmetric one has no mirror image of its own."""
     if name not in DISTURBANCES:
         raise InputError(f'unknown disturbance "{name}"; choose from {", ".join(DISTURBANCES)}', name=name)
     return name != "mirror" or not mirror_symmetric(shape)

@@ -118,9 +118,6 @@ def near_twin(shape: Shape, seed: int = 0) -> Shape:
     Args:
         shape: the part.
         seed: of the place, of notch or tab, and of its size: 10 to 15 % of sqrt(area), wide and deep.
-
-    Raises:
-        ContourError: nowhere on the outline is there room for either.
     """
     rng = np.random.default_rng((seed, zlib.crc32(shape.name.encode()), 41))
     for straight, clearance in ROOM:

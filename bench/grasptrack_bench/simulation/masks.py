@@ -29,9 +29,6 @@ def shape_from_mask(mask: ArrayLike, name: str = "silhouette") -> Shape:
         mask: (H, W) or (H, W, 1), not 0 where the part is. Of several pieces the largest is taken. One that touches the
             border ends there.
         name: of the shape.
-
-    Raises:
-        ContourError: no image, nothing in it, or too little to be a part.
     """
     outer, *holes = mask_polygons(mask, name)
     return Shape.of(name, outer, holes)
@@ -90,10 +87,6 @@ def part_of_photo(image: Pixels, mask: ArrayLike, name: str = "photo") -> tuple[
         image: (H, W) grey or (H, W, 3) BGR, 8 bit.
         mask: (H, W), not 0 where the part is; see `silhouette`.
         name: of the shape.
-
-    Raises:
-        InputError: image and mask of different sizes, or an image that is not 8 bit.
-        ContourError: a mask without a part.
     """
     picture, shown = np.asarray(image), np.asarray(mask)
     if picture.dtype != np.uint8 or picture.ndim not in (2, 3) or picture.shape[:2] != shown.shape[:2]:

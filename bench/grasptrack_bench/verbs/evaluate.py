@@ -38,11 +38,7 @@ class SuiteOptions:
     scheduler: options.Scheduler = None
 
     def with_own(self, **own: Any) -> dict[str, Any]:
-        """What decides the results, with what a suite asks beside.
-
-        Raises:
-            InputError: unknown methods.
-        """
+        """What decides the results, with what a suite asks beside."""
         from grasptrack_bench.suites import method_names
 
         return {**own, "methods": method_names(options.parse_names(self.methods), peers=self.peers), "risk": self.risk}
