@@ -11,21 +11,13 @@ from fractions import Fraction
 import av
 import cv2
 
-from streaming import RATE, shown
+from streaming import RATE, serving, shown
 
 CLOCK = 90000
 SDP = (
     "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=plate\r\nc=IN IP4 0.0.0.0\r\nt=0 0\r\n"
     f"m=video 0 RTP/AVP 96\r\na=rtpmap:96 H264/{CLOCK}\r\na=fmtp:96 packetization-mode=1\r\na=control:track\r\n"
 )
-
-
-class _Server(socketserver.ThreadingTCPServer):
-    daemon_threads = True
-    allow_reuse_address = True
-
-    def handle_error(self, request: object, client_address: object) -> None:
-        """Clients that go away are what is tested."""
 
 
 @contextmanager
@@ -82,10 +74,5 @@ def rtsp_server(port: int) -> Iterator[threading.Event]:
                 step += 1
                 over.wait(1.0 / RATE)
 
-    with _Server(("127.0.0.1", port), Handler) as server:
-        threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
-        try:
-            yield over
-        finally:
-            over.set()
-            server.shutdown()
+    with serving(port, Handler, over):
+        yield over

@@ -2,12 +2,13 @@
 """Servers on loopback that show a moving plate: MJPEG over HTTP, and video by UDP or RTSP; each can be cut."""
 
 import socket
+import socketserver
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 
 import av
 import cv2
@@ -30,12 +31,26 @@ def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
         return int(found.getsockname()[1])
 
 
-class _Quiet(ThreadingHTTPServer):
+class _Quiet(socketserver.ThreadingTCPServer):
     daemon_threads = True
     allow_reuse_address = True
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Clients that go away are what is tested."""
+
+
+@contextmanager
+def serving(
+    port: int, handler: type[socketserver.BaseRequestHandler], over: threading.Event
+) -> Iterator[threading.Event]:
+    """Answers on loopback until `over`, which ends every connection."""
+    with _Quiet(("127.0.0.1", port), handler) as server:
+        threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
+        try:
+            yield over
+        finally:
+            over.set()
+            server.shutdown()
 
 
 @contextmanager
@@ -59,15 +74,8 @@ def mjpeg_server(port: int, start: int = 0) -> Iterator[threading.Event]:
         def log_message(self, format: str, *args: object) -> None:
             """Say nothing."""
 
-    server = _Quiet(("127.0.0.1", port), Handler)
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True)
-    thread.start()
-    try:
+    with serving(port, Handler, over):
         yield over
-    finally:
-        over.set()
-        server.shutdown()
-        server.server_close()
 
 
 @contextmanager

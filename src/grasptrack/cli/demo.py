@@ -50,7 +50,6 @@ def demo(
     """
     from grasptrack.demo import STRATEGIES, run_demo
 
-    rate = risk
     seconds = FRAME_S * frames * (1 if no_video else 2)
 
     def run(tell: Progress) -> list[dict[str, Any]]:
@@ -60,7 +59,7 @@ def demo(
                 f"{len(STRATEGIES)} strategies, and compares with the truth: some {max(2, round(seconds))} s.",
                 flush=True,
             )
-        return run_demo(output, frames=frames, video=not no_video, progress=tell, risk=rate)
+        return run_demo(output, frames=frames, video=not no_video, progress=tell, risk=risk)
 
     rows = with_progress(output, quiet, run)
     if quiet:

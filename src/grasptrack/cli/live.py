@@ -15,7 +15,7 @@ from grasptrack.cli.terminal import Interruption, show_run, tell_line
 from grasptrack.errors import InputError, install_hint
 
 if TYPE_CHECKING:
-    from grasptrack.live.session import LiveSession
+    pass
 
 BEAT = 0.1
 """s between two looks at whether Ctrl-C was pressed."""
@@ -115,12 +115,7 @@ def live(
         finally:
             server.stop()
             summary = session.stop()
-    _tell_failure(session)
+    if session.shown.phase == "failed":  # bad input, as of every verb; what was computed is there
+        raise InputError(session.shown.notice[1])
     if summary is not None and not quiet:
         show_run(summary, output)
-
-
-def _tell_failure(session: LiveSession) -> None:
-    """A source that broke off and was not begun again is bad input, as of every verb; what was computed is there."""
-    if session.shown.phase == "failed":
-        raise InputError(session.shown.notice[1])

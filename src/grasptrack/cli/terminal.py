@@ -256,8 +256,11 @@ class ProgressBar:
 def show_run(summary: RunSummary, output: Path, notes: Iterable[str] = ()) -> None:
     """The closing table of a run: frames, statuses and why, latency, speed, files; and lines of text below it."""
     from rich.markup import escape
+    from rich.table import Table
 
-    table = _summary_table("", "", "")
+    table = Table(box=None, show_header=False, pad_edge=True, padding=(0, 1))
+    for justify in ("left", "right", "left"):
+        table.add_column(justify=justify, overflow="fold")
     table.add_row("frames", str(summary.frames), "")
     for status, count in summary.counts.items():
         share = f"{100.0 * count / summary.frames:.1f} %" if summary.frames else ""
@@ -332,15 +335,6 @@ def _print_warnings(console: Any) -> None:
 
     for message in held_warnings():
         console.print(f"  [yellow]warning:[/yellow] {escape(message)}", soft_wrap=True)
-
-
-def _summary_table(*heads: str) -> Any:
-    from rich.table import Table
-
-    table = Table(box=None, show_header=False, pad_edge=True, padding=(0, 1))
-    for i, head in enumerate(heads):
-        table.add_column(head, justify="right" if i == 1 else "left", overflow="fold")
-    return table
 
 
 T = TypeVar("T")

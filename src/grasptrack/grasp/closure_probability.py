@@ -89,14 +89,6 @@ class Judgement(NamedTuple):
         return self.closes * self.stays
 
 
-class _MarginUncertainty(NamedTuple):
-    """How well the margin is known: as in Judgement; `closes` is 1 where nothing is said of the plane."""
-
-    margin_sd: float
-    closes: float
-    settled: bool
-
-
 class ClosureCheck:
     """Judges a grasp in the object's own plane, image after image: perspective bends friction cones.
 
@@ -128,10 +120,11 @@ class ClosureCheck:
             self._regions_to_view, self._built = self._to_view, self._analysis.margin
         self._margin_sd, self._closes, self._settled = self._margin_uncertainty(contacts, view, width)
 
-    def _margin_uncertainty(self, contacts: Floats, view: View, width: float) -> _MarginUncertainty:
+    def _margin_uncertainty(self, contacts: Floats, view: View, width: float) -> tuple[float, float, bool]:
+        """`margin_sd`, `closes` and `settled` of the judgement; it closes where nothing is said of the plane."""
         noise, (_, maps, weights, _) = self._margin_noise_variance(contacts, view, width), self._plane
         if not len(maps):
-            return _MarginUncertainty(math.sqrt(noise), 1.0, True)
+            return math.sqrt(noise), 1.0, True
         analysis = self._analysis
         needed = kernels.carried_angles(maps @ self._to_view, contacts, analysis.normals, analysis.rho)
         margins = math.atan(self._friction) - needed
@@ -140,7 +133,7 @@ class ClosureCheck:
             for m, w in zip(margins.tolist(), weights.tolist(), strict=True)
         )
         tilted = float(weights @ (margins - self._analysis.margin) ** 2)
-        return _MarginUncertainty(math.sqrt(tilted + noise), closes, tilted < noise)
+        return math.sqrt(tilted + noise), closes, tilted < noise
 
     def _margin_noise_variance(self, contacts: Floats, view: View, width: float) -> float:
         """rad^2, variance of the margin by what the first view's outline is off: across it, and by what bends under a finger.

@@ -43,7 +43,6 @@ class Match(NamedTuple):
             leave out a piece, the one that lies better on the rest is better.
         residual: px rms of those distances that are small (`NEAR`).
         share: 0 to 1, how much of both outlines is so near the other.
-        worst: px, the largest distance, up to a tenth of sqrt(area).
         stretch: 1 and more, the largest ratio of the two magnifications at any point: the tilt that it takes.
         size: px, sqrt(area) of the second outline.
         slack: px rms by which the outlines part when the motion that they show least moves a point by `TELLING`: near 0
@@ -55,7 +54,6 @@ class Match(NamedTuple):
     cost: float
     residual: float
     share: float
-    worst: float
     stretch: float
     size: float
     slack: float = math.nan
@@ -91,7 +89,6 @@ def rate_homography(H: Floats, a: Sampled, b: Sampled) -> Match | None:
         math.sqrt(float(capped @ capped) / len(gaps)),
         math.sqrt(float(near @ near) / len(near)) if len(near) else math.inf,
         len(near) / len(gaps),
-        float(gaps.max()),
         ratio,
         b.size,
     )

@@ -9,7 +9,6 @@ bench than between them; no level of grey is set beforehand.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,7 +17,7 @@ from grasptrack.images import PLAIN, Grey
 from grasptrack.segmentation.registration import register_affine, warp_affine
 from grasptrack.segmentation.silhouettes import to_binary
 from grasptrack.statistics import MAD_TO_SD, robust_sd
-from grasptrack.typing import Bools, Floats, Floats32, Pixels
+from grasptrack.typing import Bools, Floats32, Pixels
 
 FIT_SIDE = 160
 """px; light changes so smoothly that it is fitted to images of this longer side."""
@@ -49,20 +48,6 @@ SOFTENING = 1.5
 pixel by pixel, which shows where it ends."""
 
 
-class Relit(NamedTuple):
-    """The empty bench as the image's camera and light would show it.
-
-    Attributes:
-        bench: (H, W, C) grey levels.
-        shown: (H, W) whether the picture of the bench shows the place.
-        motion: (2, 3) px of the image to px of the picture of the bench.
-    """
-
-    bench: Floats32
-    shown: Bools
-    motion: Floats
-
-
 def background_maps(image: Pixels, background: Pixels, hidden: Grey | None = None) -> list[Floats32]:
     """How likely each pixel is something that the empty bench has not.
 
@@ -76,24 +61,22 @@ def background_maps(image: Pixels, background: Pixels, hidden: Grey | None = Non
         (H, W) 0 to 1: of all that differs; and in colours of what differs by more than a shadow would.
     """
     seen, empty = _same_planes(image, background)
-    relit = relight_background(seen, empty, hidden)
-    usable = relit.shown if hidden is None else relit.shown & (hidden == 0)
-    difference = seen - relit.bench
-    noise = _measure_noise(difference, relit.bench, usable)
+    bench, usable = _relight_background(seen, empty, hidden)
+    difference = seen - bench
+    noise = _measure_noise(difference, bench, usable)
     maps = [_soft_and_sharp(difference / noise, usable)]
     if seen.shape[2] == 3:
-        shade = np.clip(
-            (seen * relit.bench).sum(axis=2, keepdims=True)
-            / np.maximum((relit.bench**2).sum(axis=2, keepdims=True), 1.0),
-            MIN_LIGHT,
-            1.0,
-        )
-        maps.append(_soft_and_sharp((seen - shade * relit.bench) / noise, usable))
+        lit = (seen * bench).sum(axis=2, keepdims=True)
+        shade = np.clip(lit / np.maximum((bench**2).sum(axis=2, keepdims=True), 1.0), MIN_LIGHT, 1.0)
+        maps.append(_soft_and_sharp((seen - shade * bench) / noise, usable))
     return maps
 
 
-def relight_background(seen: Floats32, empty: Floats32, hidden: Grey | None = None) -> Relit:
-    """The picture of an empty bench (H, W, C) moved and lit as an image (H, W, C) shows the same bench."""
+def _relight_background(seen: Floats32, empty: Floats32, hidden: Grey | None) -> tuple[Floats32, Bools]:
+    """The picture of an empty bench (H, W, C) moved and lit as an image (H, W, C) shows the same bench.
+
+    And (H, W) where it shows the place, and the place counts.
+    """
     height, width = seen.shape[:2]
     kept = None if hidden is None else to_binary(hidden == 0)
     motion = register_affine(seen.mean(axis=2), empty.mean(axis=2), kept)
@@ -114,7 +97,7 @@ def relight_background(seen: Floats32, empty: Floats32, hidden: Grey | None = No
         y = soft_seen[rows, columns, c].ravel()[chosen]
         gain, offset = _fit_light(coarse, x, y)
         bench[..., c] = np.clip((terms @ gain) * moved[..., c] + offset, 0.0, BRIGHTEST)
-    return Relit(bench, inside, motion)
+    return bench, usable
 
 
 def _same_planes(image: Pixels, background: Pixels) -> tuple[Floats32, Floats32]:

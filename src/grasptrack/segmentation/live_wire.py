@@ -41,10 +41,7 @@ class LiveWire:
         InputError: no image, or `snap` below 0.
     """
 
-    @arguments.checked(
-        image=arguments.array(unbounded=True),
-        snap=arguments.optional(arguments.number),
-    )
+    @arguments.checked(image=arguments.array(unbounded=True), snap=arguments.optional(arguments.number))
     def __init__(self, image: NDArray[Any], *, snap: float | None = None) -> None:
         colours = to_bgr(image)
         edges = ClosedEdgeSegmenter(lab_planes(colours))
@@ -77,10 +74,7 @@ class LiveWire:
         chain = [*(piece[:-1] for piece in self._pieces), np.array(last, np.int32).reshape(-1, 2)]
         return self._to_image(np.vstack(chain))
 
-    @arguments.checked(
-        x=arguments.number,
-        y=arguments.number,
-    )
+    @arguments.checked(x=arguments.number, y=arguments.number)
     def start(self, x: float, y: float) -> tuple[float, float]:
         """Begin at a click; what was drawn before is gone.
 
@@ -93,10 +87,7 @@ class LiveWire:
         self._points, self._pieces = [self._snap_click(x, y)], []
         return self.points[0]
 
-    @arguments.checked(
-        x=arguments.number,
-        y=arguments.number,
-    )
+    @arguments.checked(x=arguments.number, y=arguments.number)
     def path_to(self, x: float, y: float) -> Floats:
         """(n, 2) px from the last click to where the pointer is, both included. It is not kept.
 
@@ -106,10 +97,7 @@ class LiveWire:
         self._check_open()
         return self._to_image(self._find_piece(self._points[-1], self._snap_click(x, y)))
 
-    @arguments.checked(
-        x=arguments.number,
-        y=arguments.number,
-    )
+    @arguments.checked(x=arguments.number, y=arguments.number)
     def add(self, x: float, y: float) -> Floats:
         """Fix the path to a click.
 
@@ -141,11 +129,7 @@ class LiveWire:
         self._pieces.append(self._find_piece(self._points[-1], self._points[0]))
         return self.path
 
-    @arguments.checked(
-        k=arguments.whole,
-        x=arguments.number,
-        y=arguments.number,
-    )
+    @arguments.checked(k=arguments.whole, x=arguments.number, y=arguments.number)
     def move(self, k: int, x: float, y: float) -> Floats:
         """Drag click k somewhere else; only the two pieces that end there are found again.
 

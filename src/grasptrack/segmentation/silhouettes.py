@@ -95,11 +95,7 @@ def thin_share(shape: Silhouette, px: int) -> float:
 
     These lie beyond what a disc of THIN_RADIUS covers within the region.
     """
-    outer = shape.outer // px
-    (left, top), (right, low) = outer.min(axis=0), outer.max(axis=0)
-    filled = np.zeros((low - top + 2 * THIN_MARGIN + 1, right - left + 2 * THIN_MARGIN + 1), np.uint8)
-    outer = (outer - (left, top) + THIN_MARGIN).astype(np.int32)
-    cv2.drawContours(filled, [outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
+    outer, filled = _fill_reduced(shape, px)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * THIN_RADIUS + 1,) * 2)
     away = cv2.distanceTransform(cv2.bitwise_not(cv2.morphologyEx(filled, cv2.MORPH_OPEN, disc)), cv2.DIST_L2, 3)
     return float((away[outer[:, 1], outer[:, 0]] > THIN_RADIUS).mean())
@@ -110,17 +106,22 @@ def neck_width(shape: Silhouette, px: int) -> float:
 
     Of the image reduced by `px`. A handle is as long as it is narrow; what only touches hangs on by little.
     """
-    outer = shape.outer // px
-    low = outer.min(axis=0)
-    filled = np.zeros((np.ptp(outer, axis=0) + 2 * THIN_MARGIN + 1)[::-1], np.uint8)
-    cv2.drawContours(filled, [(outer - low + THIN_MARGIN).reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
-    depth, narrowest = cv2.distanceTransform(filled, cv2.DIST_L2, 3), 1.0
+    depth, narrowest = cv2.distanceTransform(_fill_reduced(shape, px)[1], cv2.DIST_L2, 3), 1.0
     for radius in NECK_RADII:
         count, _, stats, _ = cv2.connectedComponentsWithStats(to_binary(depth > radius), connectivity=4)
         if count > 2:
             size = math.sqrt(float(np.partition(stats[1:, cv2.CC_STAT_AREA], -2)[-2]))
             narrowest = min(narrowest, 2.0 * radius / (size + 2.0 * radius))
     return narrowest
+
+
+def _fill_reduced(shape: Silhouette, px: int) -> tuple[Chain, Grey]:
+    """The outer boundary in the image reduced by `px`, and (h, w) 255 within it, a margin round it."""
+    outer = shape.outer // px
+    filled = np.zeros((np.ptp(outer, axis=0) + 2 * THIN_MARGIN + 1)[::-1], np.uint8)
+    outer = (outer - outer.min(axis=0) + THIN_MARGIN).astype(np.int32)
+    cv2.drawContours(filled, [outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
+    return outer, filled
 
 
 def box_iou(one: Box | tuple[int, int, int, int], other: Box) -> float:

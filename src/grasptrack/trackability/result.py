@@ -108,11 +108,6 @@ class Held(NamedTuple):
     limit: float
     tolerance: float
 
-    @property
-    def margin_deg(self) -> float:
-        """The margin in degrees."""
-        return math.degrees(self.margin)
-
 
 @compared_by_value
 @dataclass(frozen=True, eq=False)

@@ -20,9 +20,6 @@ GROUP = 6
 LEAST_GROUPS = 4
 """On each contour, however short."""
 
-SAME_PLACE = 1e-9
-"""Of the object's size: contacts that lie no farther apart are one."""
-
 
 class Candidates(NamedTuple):
     """Places on an outline at which a finger may stand.
@@ -92,7 +89,7 @@ MOST_OF_TRIPLES = 256
 """Candidates that triples are made of, however many holes an object has: as many as the kernel takes."""
 
 SAME_PLACE = 1e-6
-"""Of a contour's length: places that are farther apart along it are two, wherever their points lie."""
+"""Of a contour's length, or of the object's size: places that are no farther apart are one, wherever their points lie."""
 
 
 def _is_doubled(view: View, places: Floats, contacts: Floats, steps: Floats) -> NDArray[np.bool_]:

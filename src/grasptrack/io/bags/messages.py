@@ -68,7 +68,6 @@ class MessageImages:
 
     def __init__(self, kind: str, bits: int | None = None) -> None:
         self._kind = kind
-        self._bits = bits
         self._to_eight = EightBits(None if bits is None else float((1 << bits) - 1))
         self._decoder: Any = None
 
