@@ -85,9 +85,7 @@ def _parts_equal(first: object, second: object) -> bool:
 def public_parts(value: object, *, whole: bool = False) -> dict[str, Any]:
     """What is public of a record, by name: fields of data classes and named tuples, or else attributes.
 
-    Args:
-        value: the record.
-        whole: with the fields that take no part in a comparison.
+    `whole` adds the fields that take no part in a comparison.
     """
     if dataclasses.is_dataclass(value):
         return {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.compare or whole}

@@ -46,11 +46,7 @@ OUTPUTS = frozenset(
 
 
 def keep_inputs(written: Iterable[Path], read: Iterable[str | Path]) -> None:
-    """See, before anything is written, that nothing will be written over what is to be read, or what others have written.
-
-    Raises:
-        InputError: something would.
-    """
+    """Refuse, before anything is written, to write over what is to be read, or over what others have written."""
     inputs = {Path(each).resolve() for each in read}
     for path in written:
         if path.resolve() in inputs:

@@ -147,11 +147,7 @@ class FirstImageOptions:
         return [path for path in (self.background, self.camera, self.ignore) if path is not None]
 
     def first_image(self, contacts: Floats | None = None) -> FirstImage:
-        """What is said of the object; masks and images are not read yet.
-
-        Args:
-            contacts: (k, 2) px of --grasp.
-        """
+        """What is said of the object, contacts (k, 2) px of --grasp among it; masks and images are not read yet."""
         from grasptrack.first_image import FirstImage
 
         on = [parse_pair(text, "--object") for text in self.object_at or ()]
@@ -179,12 +175,9 @@ class FirstImageOptions:
         return replace(said, ignore=read_ignored(self.ignore), background=empty)
 
     def read_scene(self, name: str, taken: str, contacts: Floats | None = None) -> UserScene:
-        """An image with all that is said of it.
+        """An image with all that is said of it, contacts (k, 2) px of --grasp among it.
 
-        Args:
-            name: of its file.
-            taken: what the verb takes, for the message.
-            contacts: (k, 2) px of --grasp.
+        `taken` is what the verb takes, for the message.
         """
         from grasptrack.io.masks import read_mask
 

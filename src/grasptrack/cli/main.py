@@ -115,11 +115,7 @@ _add_verb(doctor, help_groups.SUPPORT, "Say what is installed, what is missing, 
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: without the program's name, none ask for help; None takes them from the process.
-    """
+    """Run the command line: arguments without the program's name, the process's if None; where there are none, it helps."""
     status = run_app(app, (sys.argv[1:] if arguments is None else arguments) or ["--help"], "grasptrack")
     if arguments is None:  # this process has nothing else to do
         end_process(status)

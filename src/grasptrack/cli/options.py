@@ -122,11 +122,7 @@ class GivenGrasp:
         return contacts
 
     def finger_count(self, *, at_most_three: bool = False) -> int:
-        """The number of fingers.
-
-        Args:
-            at_most_three: it is 2 or 3 where a grasp is to be chosen.
-        """
+        """The number of fingers, 2 or 3 (`at_most_three`) where a grasp is to be chosen."""
         contacts = self.given_contacts()
         if contacts is not None:
             return len(contacts)

@@ -35,13 +35,7 @@ OPENCV = ("opencv-python-headless", "opencv-python", "opencv-contrib-python-head
 
 
 class Remark(NamedTuple):
-    """One line.
-
-    Attributes:
-        mark: "ok", "--" for what is not installed, "!!" for what is wrong.
-        name: what it is about.
-        text: what was found.
-    """
+    """One line; its mark is "ok", "--" for what is not installed, or "!!" for what is wrong."""
 
     mark: str
     name: str

@@ -331,15 +331,9 @@ def _intrinsic_matrix(width: int, height: int) -> Floats:
 def _take_photograph(
     drawing: Pixels, H: Floats, size: tuple[int, int], rng: np.random.Generator, *, light: float, noise: float
 ) -> Pixels:
-    """What a camera records of a drawing.
+    """What a camera records of a drawing (SIDE, SIDE) or (SIDE, SIDE, 3), H (3, 3) taking table units to px.
 
-    Args:
-        drawing: (SIDE, SIDE) or (SIDE, SIDE, 3).
-        H: (3, 3) table units to px.
-        size: px, width and height.
-        rng: of the noise.
-        light: factor of the brightness.
-        noise: standard deviation in grey levels.
+    `light` is a factor of the brightness, `noise` a standard deviation in grey levels.
     """
     width, height = size
     unit, middle, half = 2.0 * EXTENT / SIDE, 0.5 * (SIDE - 1), 0.5 * (FINER - 1)

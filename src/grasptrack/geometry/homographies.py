@@ -145,10 +145,7 @@ def displacement_fields(points: Floats) -> Floats:
 def near_identity(x: Floats, centre: Floats, radius: float) -> Floats:
     """(3, 3) the homography near the identity whose displacements are those of `displacement_fields`.
 
-    Args:
-        x: (8,) parameters, in radii.
-        centre: (2,) px.
-        radius: px.
+    Its parameters (8,) are in radii, of so many px, about a centre (2,) px.
     """
     M = np.eye(3) + np.tensordot(x, MOTIONS, 1)
     N = np.array([[1.0, 0.0, -centre[0]], [0.0, 1.0, -centre[1]], [0.0, 0.0, radius]]) / radius

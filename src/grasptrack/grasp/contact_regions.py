@@ -94,9 +94,7 @@ _FLAT = 1e-12
 def of_more(edges: list[Floats], usable: list[Bools]) -> list[tuple[int, int]] | None:
     """Places back and ahead of each contact, or None where the grasp itself does not close.
 
-    Args:
-        edges: for each contact (m, 2, 3) the edges of its cone at each place, the contact's own in the middle.
-        usable: for each (m,) where it may be.
+    Of each contact: (m, 2, 3) the edges of its cone at each place, its own in the middle, and (m,) where it may be.
     """
     here = np.concatenate([e[SAMPLES] for e in edges])
     epsilon = float(epsilon_quality(here[None])[0])

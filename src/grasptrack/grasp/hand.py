@@ -74,12 +74,7 @@ def parse_length(text: str, name: str) -> Length:
 
 
 class Measure(NamedTuple):
-    """A length of the world.
-
-    Attributes:
-        value: how many of the unit.
-        unit: "mm", "cm", "m" or "in".
-    """
+    """A length of the world, in "mm", "cm", "m" or "in"."""
 
     value: float
     unit: Literal["mm", "cm", "m", "in"]

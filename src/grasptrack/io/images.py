@@ -308,12 +308,7 @@ def encode_jpeg(image: NDArray[Any], quality: int = QUALITY) -> bytes:
 
 
 def encode_image(image: NDArray[np.uint8], quality: int | None) -> tuple[bytes, str]:
-    """The bytes of a file, and its format: "png" or "jpeg".
-
-    Args:
-        image: grey (H, W) or BGR (H, W, 3).
-        quality: 1 to 100, of a JPEG; None for PNG.
-    """
+    """The bytes of a file of a grey (H, W) or BGR (H, W, 3) image, and its format: "jpeg" of a quality, 1 to 100, or "png"."""
     if quality is None:
         return cv2.imencode(".png", image, _FAST)[1].tobytes(), "png"
     return encode_jpeg(image, quality), "jpeg"

@@ -245,11 +245,9 @@ class _Clock:
 
 
 class Address(NamedTuple):
-    """A source's name in its parts.
+    """A source's name in its parts: what is between the kind and the question mark, and the settings behind that.
 
-    Attributes:
-        where: between the kind and the question mark.
-        settings: what follows it, and on top of it what was given apart from the name.
+    Settings that were given apart from the name go before these.
     """
 
     where: str

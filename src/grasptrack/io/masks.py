@@ -93,11 +93,8 @@ def open_masks(spec: str | os.PathLike[str], source: Source | None = None) -> Ma
 def read_mask(path: str | os.PathLike[str], *, parted: bool = False) -> Mask:
     """(H, W) uint8 from a mask file: 255 where it is not black and not transparent, else 0.
 
-    A JPEG's blacks are not quite black: there, the brighter half of the scale counts.
-
-    Args:
-        path: of the file.
-        parted: instances that touch, each of a value or a colour of its own, are kept apart (`images.part_instances`).
+    A JPEG's blacks are not quite black: there, the brighter half of the scale counts. `parted` keeps instances that touch,
+    each of a value or a colour of its own, apart (`images.part_instances`).
     """
     file = Path(path)
     image = read_image(file)

@@ -121,11 +121,9 @@ def points_text(points: Iterable[Iterable[float]] | None) -> str | None:
 
 
 class JsonLines:
-    """Writes a line for every frame, and passes it on at once.
+    """Writes a line for every frame, and passes it on at once; ``-`` is the standard output.
 
-    Args:
-        path: the file, written over; ``-`` for the standard output.
-        outline: tell the outline, too: some 300 points a line.
+    `outline` tells the outline, too: some 300 points a line.
     """
 
     def __init__(self, path: Path, *, outline: bool = False) -> None:
@@ -269,20 +267,12 @@ class BackgroundRecording:
         self._told = False
 
     def write(self, frame: Frame, result: TrackResult) -> None:
-        """Have one image written; it may be changed afterwards.
-
-        Raises:
-            Exception: whatever became of an earlier one, once.
-        """
+        """Have one image written, which may be changed afterwards; whatever became of an earlier one is raised, once."""
         self._tell_error()
         self._writer.add(replace(frame, image=frame.image.copy()), result)
 
     def close(self) -> None:
-        """Write what waits and make the file whole; may be called again.
-
-        Raises:
-            Exception: what went wrong, where `write` has not raised it.
-        """
+        """Write what waits and make the file whole; may be called again. What went wrong is raised where `write` has not."""
         self._writer.end()
         self._writer.join()
         self._tell_error()

@@ -26,11 +26,9 @@ if TYPE_CHECKING:
 
 
 class GraspsCsv:
-    """Writes grasps.csv row by row; each row is on its way to the disk, whole, before the next frame is looked at.
+    """Writes grasps.csv anew, for so many fingers, row by row.
 
-    Args:
-        path: the file, written over.
-        fingers: number of contacts, k.
+    Each row is on its way to the disk, whole, before the next frame is looked at.
     """
 
     def __init__(self, path: Path, fingers: int) -> None:

@@ -106,11 +106,7 @@ class _Job(NamedTuple):
 
 
 class Advisor:
-    """Does one thing after another in a thread of its own.
-
-    Args:
-        answer: called, in that thread, with what each piece of work returns, or with a `Failure`.
-    """
+    """Does one thing after another in a thread of its own, and calls `answer` there with what each returns, or a `Failure`."""
 
     def __init__(self, answer: Callable[[Any], None]) -> None:
         self._answer = answer

@@ -146,13 +146,10 @@ class Ended:
 
 
 class Player:
-    """Hands a source's images to an inbox until it is stopped.
+    """Hands a source's images to an inbox until it is stopped; the source, which nobody else reads now, is closed at the end.
 
-    Args:
-        source: that nobody else reads now; it is closed at the end.
-        inbox: that takes them.
-        run: a number that images and the end carry, so that those of an earlier playing can be told.
-        pace: play files at their own rate; without, as fast as they are taken.
+    Images and the end carry the number `run`, so that those of an earlier playing can be told. `pace` plays files at their own
+    rate; without, as fast as they are taken.
     """
 
     def __init__(self, source: Source, inbox: Inbox, run: int, pace: bool = True) -> None:

@@ -30,12 +30,7 @@ GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 
 
 class SymmetryTurn(NamedTuple):
-    """A turn of the object after which its outline lies on itself, or nearly.
-
-    Attributes:
-        turn: rad, from x to y, in (-pi, pi].
-        residual: px rms between the outline and itself turned.
-    """
+    """A turn, rad in (-pi, pi] from x to y, and px rms by which the outline then lies beside itself."""
 
     turn: float
     residual: float

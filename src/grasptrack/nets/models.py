@@ -30,13 +30,7 @@ TIMEOUT_S = 30
 
 
 class ModelFile(NamedTuple):
-    """One file that can be downloaded.
-
-    Attributes:
-        megabytes: its size.
-        url: where it comes from.
-        digest: algorithm and hash, as "sha256:...".
-    """
+    """One file that can be downloaded; its digest has algorithm and hash, as "sha256:..."."""
 
     megabytes: float
     url: str

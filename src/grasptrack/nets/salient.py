@@ -27,12 +27,7 @@ MAX_LOGIT = 30.0
 
 
 class SalientNet:
-    """A net as a segmenter: it looks at the image and at its mirror image.
-
-    Args:
-        path: of the ONNX file.
-        side: px, side of the square that the net takes.
-    """
+    """A net of an ONNX file, which takes a square of `side` px, as a segmenter: it looks at an image and its mirror image."""
 
     def __init__(self, path: str | Path, side: int = SIDE) -> None:
         self.path, self.side = Path(path), side

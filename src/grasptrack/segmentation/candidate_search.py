@@ -260,13 +260,7 @@ class CandidateSearch:
         return found
 
     def _localize_proposal(self, p: OutlineProposal, whole: bool = True, shaded: bool = False) -> Candidate | None:
-        """The sub-pixel contour of a proposal.
-
-        Args:
-            p: the proposal.
-            whole: holes are looked for by colour.
-            shaded: the shadow that the object casts is cut out.
-        """
+        """The sub-pixel contour of a proposal: `whole` looks for holes by colour, `shaded` cuts out the shadow it casts."""
         colours, planes, hidden = self._scene.colours, self._scene.planes if whole else None, self._said.hidden
         if p.recipe == GIVEN:
             snapped = self._snapper.snap(p.silhouette.outer.astype(np.float64), ROUGH)

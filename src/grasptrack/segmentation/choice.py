@@ -120,13 +120,9 @@ def _fitted_numbers() -> dict[str, dict[str, float]]:
 def measure_worth(
     proposals: Sequence[OutlineProposal], maps: Sequence[Floats32], box: Box | None, numbers: ChoiceNumbers
 ) -> Floats:
-    """(n,) logarithm of the worth of each proposal.
+    """(n,) logarithm of the worth of each proposal of one image.
 
-    Args:
-        proposals: of one image.
-        maps: (H, W) each, 0 to 1, alternatives of a segmenter's; empty without one.
-        box: left, top, width and height of the object, px, or None.
-        numbers: powers.
+    By maps (H, W), 0 to 1, alternatives of a segmenter's, and the object's box in px; none of either will do.
     """
     worth = np.array([math.log(max(p.comparison_order, MIN_RATING)) for p in proposals])
     if len(maps):

@@ -45,10 +45,7 @@ SOFTENING = (1.0, 1.6)
 class ClosingRecipe(NamedTuple):
     """How edges are closed: low levels find faint edges and clutter, wide closings bridge gaps and fill notches.
 
-    Attributes:
-        softening: index into SOFTENING.
-        level: of edges, in units of noise.
-        radius: px, of the closing.
+    Softening is an index into SOFTENING, the level in units of noise, the radius in px.
     """
 
     softening: int
@@ -194,14 +191,7 @@ class ObjectClosing:
         self._max_gap = MAX_GAP * max(size[:2]) / self._shrink
 
     def enclosed(self, image: Planes, hidden: Grey | None, least: float, origin: tuple[int, int]) -> list[Silhouette]:
-        """Regions enclosed by edges.
-
-        Args:
-            image: planes of an image or of a window of it.
-            hidden: (H, W) nonzero where pixels are ignored.
-            least: px^2.
-            origin: (x, y) px of the window's first pixel in the image.
-        """
+        """Regions of at least so many px^2 enclosed by edges of an image, or of a window that begins at px `origin` (x, y)."""
         px, recipe = self._shrink, self._recipe
         image, hidden = _downsample_planes(image, hidden, px)
         field = NormalizedGradient(image, SOFTENING[recipe.softening], hidden, self._grain)
@@ -218,14 +208,7 @@ def link_edges(edges: Grey, max_gap: float) -> Grey:
 
 
 def enclosed_silhouettes(edges: Grey, radius: int, least: float, extent: float) -> list[Silhouette]:
-    """Silhouettes enclosed by thin edges.
-
-    Args:
-        edges: (H, W) one pixel wide.
-        radius: px, of the closing.
-        least: px^2.
-        extent: px across at least.
-    """
+    """Silhouettes of at least so many px^2, `extent` px across, enclosed by thin edges (H, W) when closed by `radius` px."""
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     found: list[Silhouette] = []
     for shape in trace_silhouettes(np.asarray(cv2.dilate(edges, disc), dtype=np.uint8), least, holes=False):

@@ -175,10 +175,7 @@ class OutlineDetector:
     def views_near(self, grey: Grey, expected: Floats, centres: Floats) -> Iterator[View]:
         """Outlines in a window around the expected one, the likeliest first. Call it first for each new image.
 
-        Args:
-            grey: (H, W).
-            expected: (m, 2) px, predicted points of the outer contour.
-            centres: (holes, 2) px, predicted centres of the reference's holes.
+        Expected are (m, 2) px of the outer contour, and centres (holes, 2) px of the reference's holes.
         """
         self._levels.clear()
         (x0, y0), (x1, y1) = expected.min(axis=0).tolist(), expected.max(axis=0).tolist()

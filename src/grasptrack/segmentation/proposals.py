@@ -134,13 +134,7 @@ TINY_SCORE = 1e-9
 
 
 class SilhouetteScorer:
-    """Rates silhouettes by the edges of one image.
-
-    Args:
-        field: gradients, possibly of a reduced image.
-        shrink: image px per px of the field.
-        size: height and width of the image.
-    """
+    """Rates silhouettes by the edges of one image of (height, width), the field having one px for `shrink` of its."""
 
     def __init__(self, field: NormalizedGradient, shrink: int, size: tuple[int, ...]) -> None:
         soft = cv2.GaussianBlur(field.gradient_magnitude, (0, 0), RATED_SOFTENING)

@@ -41,12 +41,9 @@ LIGHTNESS_STEPS, CHROMA_STEPS = 2.55, 2.5
 
 
 class EdgeLine(NamedTuple):
-    """Segments on one line.
+    """Segments on the line through a point (2,) px along a unit direction (2,).
 
-    Attributes:
-        point: (2,) px on it.
-        direction: (2,) unit.
-        spans: (n, 2) px along it from the point, apart from each other, that segments cover.
+    The spans (n, 2), px along it from the point, are those that segments cover, apart from each other.
     """
 
     point: Floats
@@ -55,11 +52,9 @@ class EdgeLine(NamedTuple):
 
 
 def find_quadrangles(planes: Planes, within: Point | None = None) -> list[Floats]:
-    """Quadrangles (4, 2) px of an image's planes (H, W, C), the best first: those that edges cover best, the larger ones.
+    """Quadrangles (4, 2) px of planes (H, W, C), the best first: those that edges cover best, the larger ones.
 
-    Args:
-        planes: of the image.
-        within: (x, y) px that all of them contain, or None.
+    All of them contain `within`, (x, y) px, if it is given.
     """
     lines = join_segments(_longest_segments(planes))
     if len(lines) < 4:

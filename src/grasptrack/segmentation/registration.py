@@ -63,8 +63,7 @@ def register_affine(image: NDArray[np.floating], other: NDArray[np.floating], ke
 def warp_affine(image: Floats32, motion: Floats, size: tuple[int, int], border: float | None = None) -> Floats32:
     """An image (H, W) or (H, W, C) where `motion` (2, 3) finds each pixel of one of (height, width) `size`.
 
-    Args:
-        border: what lies outside; None repeats the nearest pixel.
+    Outside lies `border`, or, if None, the nearest pixel repeated.
     """
     if np.array_equal(motion, STILL) and image.shape[:2] == size:
         return image

@@ -74,8 +74,7 @@ class MaskSegmenter(Protocol):
 class SegmenterMaker(Protocol):
     """A registered name under which a segmenter is made when it is asked for.
 
-    Attributes:
-        usage: what has to stand behind the name and a colon, for messages; empty where nothing may.
+    `usage` says what has to stand behind the name and a colon, for messages; it is empty where nothing may.
     """
 
     usage: str

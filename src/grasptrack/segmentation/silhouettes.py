@@ -161,13 +161,9 @@ def to_binary(mask: NDArray[np.bool_]) -> Grey:
 def trace_silhouettes(
     binary: Grey, least: float = MIN_AREA, origin: tuple[int, int] = (0, 0), *, holes: bool = True
 ) -> list[Silhouette]:
-    """All silhouettes of at least a given area, largest first.
+    """All silhouettes of at least so many px^2 where an image (H, W) is nonzero, largest first; to find holes takes time.
 
-    Args:
-        binary: (H, W), nonzero where there is material.
-        least: px^2.
-        origin: where the binary image's first pixel lies in the image.
-        holes: also find holes, which takes time.
+    `origin` is where its first pixel lies in the image.
     """
     mode = cv2.RETR_CCOMP if holes else cv2.RETR_EXTERNAL
     chains, tree = cv2.findContours(binary, mode, cv2.CHAIN_APPROX_NONE, offset=origin)

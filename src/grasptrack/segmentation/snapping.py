@@ -81,12 +81,9 @@ def snap_numbers(mapped: bool) -> SnapNumbers:
 
 
 class OutlineSnapper:
-    """Moves outlines onto the edges of one image.
+    """Moves outlines onto the edges of one image, with what a segmenter's map (H, W), 0 to 1, says.
 
-    Args:
-        edges: of the image.
-        map_: (H, W) 0 to 1, a segmenter's, or None.
-        numbers: weights; the fitted ones if None.
+    Numbers are the fitted ones if None.
     """
 
     def __init__(

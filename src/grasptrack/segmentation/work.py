@@ -33,11 +33,7 @@ SEARCH_SHARE = 0.6
 
 
 class WorkBudget:
-    """Counts what was done.
-
-    Args:
-        limit_ms: ms; None is no bound.
-    """
+    """Counts what was done, against a limit in ms; None is no bound."""
 
     def __init__(self, limit_ms: float | None = None) -> None:
         self.limit_ms = math.inf if limit_ms is None else limit_ms

@@ -133,12 +133,8 @@ class CloseGate:
 def judge_opening(opening: float, width: float, widest: float) -> str:
     """Why nothing is held as it should be; empty where the part is.
 
-    The fingers stopped at the part, at each other, or where they were: whichever is nearest.
-
-    Args:
-        opening: m, at which they stopped.
-        width: m, the distance of the contacts; NaN where it is not known.
-        widest: m, of the open hand; NaN where it is not known.
+    The fingers stopped at the part, at each other, or where they were: whichever is nearest. All in m; the width of the part
+    and the widest opening are NaN where they are not known.
     """
     if not opening > (0.5 * width if width > 0.0 else TOUCHING_OPENING):
         return f"closed to {1000.0 * opening:.1f} mm: nothing is in it"

@@ -34,12 +34,7 @@ def rms_diameter(points: Floats) -> float:
 
 
 class Features:
-    """The four features, measured against a goal.
-
-    Args:
-        goal: (k, 2) px, the contacts as they should be seen.
-        centre: (2,) px from which x and y count.
-    """
+    """The four features of contacts, against a goal (k, 2) px where they should be; x and y count from a centre (2,) px."""
 
     def __init__(self, goal: Floats, centre: Floats) -> None:
         self.goal, self.centre = goal, complex(*centre)

@@ -241,10 +241,7 @@ def find_lateness(
 ) -> float:
     """s by which the images are older than their sightings say; 0 where the moves do not show it.
 
-    Args:
-        seen: the sightings.
-        pose_at: the hand's pose (4, 4) at a time, s.
-        base, centre: as of `signals_of`.
+    `pose_at` gives the hand's pose (4, 4) at a time, s; base and centre are as of `signals_of`.
     """
 
     def misfit_at(late: float) -> float:

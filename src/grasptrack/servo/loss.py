@@ -157,9 +157,7 @@ class _Place(NamedTuple):
 class Trail:
     """The places where the hand has been, as seen from the object: one on a belt has gone on since.
 
-    Args:
-        speed: m/s of going back.
-        far: m from where it closed at which it has gone back far enough.
+    It goes back at m/s `speed`, far enough when it is `far` m from where it closed.
     """
 
     def __init__(self, speed: float, far: float) -> None:
@@ -177,12 +175,9 @@ class Trail:
         self._from = _Place(now, hand)
 
     def twist_back(self, now: float, hand: Floats, velocity: Floats) -> Floats | None:
-        """The twist (6,) toward the place before, less what carries the hand along with the object; None once it is there.
+        """The twist (6,) toward the place before; None once it is there.
 
-        Args:
-            now: s.
-            hand: (4, 4).
-            velocity: (3,) m/s of the object in the base.
+        Less what carries the hand along with the object, whose velocity (3,) is m/s in the base.
         """
         start = self._from
         if start is None or math.dist(_carried_place(start, now, velocity), hand[:3, 3]) >= self._far:

@@ -66,8 +66,7 @@ class _ArmSample(NamedTuple):
 class ArmCheck:
     """Remembers the last second of what was told and what came of it.
 
-    Args:
-        limits: of velocity: a hand that goes much faster than it may was somewhere else all the time.
+    A hand that goes much faster than the limits of velocity was somewhere else all the time.
     """
 
     def __init__(self, limits: Limits) -> None:

@@ -117,13 +117,9 @@ class Watchdog:
         return 0.0 if self._start is None else float(self._up @ (hand[:3, 3] - self._start))
 
     def limit_twist(self, wanted: Floats, hand: Floats, tick: Tick, pace: float) -> AllowedTwist:
-        """What becomes of a wanted twist.
+        """What becomes of a wanted twist (6,), m/s and rad/s in the hand's frame, of which what is not finite stands for 0.
 
-        Args:
-            wanted: (6,) m/s and rad/s in the hand's frame; what is not finite stands for 0.
-            hand: (4, 4) in the base, now.
-            tick: the call.
-            pace: s until the next call, as a rule.
+        The hand (4, 4) is where it is now in the base; `pace` is s until the next call, as a rule.
         """
         if self._start is None:
             self._start, self._up = hand[:3, 3].copy(), self._find_up(hand)

@@ -117,13 +117,7 @@ DOUBT = 3.0
 
 @compared_by_value
 class Relief(NamedTuple):
-    """Slopes of one part of an image.
-
-    Attributes:
-        points: (m, 2) px.
-        slopes: (m, 2) grey levels per px.
-        noise: grey levels, standard deviation of a pixel.
-    """
+    """Slopes (m, 2), grey levels per px, at points (m, 2) px of one part of an image, and a pixel's noise, grey levels."""
 
     points: Floats
     slopes: Floats

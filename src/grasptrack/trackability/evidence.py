@@ -245,11 +245,9 @@ PEAKS = 4
 
 
 class Usable(NamedTuple):
-    """Whether a strategy can carry the grasp.
+    """Whether a strategy can carry the grasp: the reason why not is empty when it can.
 
-    Attributes:
-        name: of the strategy; "auto" stands for the registration of all that is seen.
-        reason: why not; empty when it can.
+    "auto" stands for the registration of all that is seen.
     """
 
     name: str

@@ -60,12 +60,9 @@ class MotionModel(NamedTuple):
 
 
 class Basis(NamedTuple):
-    """Coordinates in which motions are told: the outline's inertia axes, in units of sqrt(area).
+    """Coordinates in which motions are told: the outline's inertia axes about its centre, px, in units of sqrt(area), px.
 
-    Attributes:
-        centre: (2,) px.
-        axes: (2, 2) unit rows: along and across.
-        size: px.
+    Axes are unit rows (2, 2): along and across.
     """
 
     centre: Floats

@@ -24,12 +24,7 @@ Level = Literal["good", "fair", "poor"]
 
 
 class Reason(NamedTuple):
-    """What speaks against an object.
-
-    Attributes:
-        text: what is the matter.
-        advice: what would help; empty where nothing is known to.
-    """
+    """What speaks against an object, and advice what would help; empty where nothing is known to."""
 
     text: str
     advice: str

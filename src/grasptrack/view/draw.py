@@ -352,14 +352,9 @@ def outward_directions(contacts: Floats) -> Floats:
 def sector_polygon(
     apex: Floats, direction: Floats, half_angle: float, length: float, bent_by: Floats | None = None
 ) -> Floats:
-    """A sector as a closed polygon (m, 2) px.
+    """A sector as a closed polygon (m, 2) px, from its apex, px, so many rad to both sides of a direction, px long to the arc.
 
-    Args:
-        apex: (2,) px.
-        direction: (2,) of its middle.
-        half_angle: rad.
-        length: px from apex to arc.
-        bent_by: (2, 2) that maps each of its directions; None where nothing does.
+    `bent_by` (2, 2) maps each of its directions; None where nothing does.
     """
     angles = math.atan2(direction[1], direction[0]) + half_angle * _ARC
     ways = np.column_stack([np.cos(angles), np.sin(angles)])

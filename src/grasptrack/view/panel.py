@@ -166,15 +166,9 @@ def slip_strips(grasp: RankedGrasp, view: View) -> list[Floats]:
 
 
 def contour_strip(view: View, contour: int, position: float, half: float) -> Floats:
-    """The piece of one contour that reaches `half` px of arc length to both sides of a position.
+    """The piece (m, 2) px of one contour that reaches `half` px of arc length to both sides of a position, along the outline.
 
-    Args:
-        view: the outline.
-        contour, position: a place on it.
-        half: px; the whole contour where it is no longer than twice that.
-
-    Returns:
-        (m, 2) px along the outline; (0, 2) where `half` is not positive.
+    The whole contour where it is no longer than twice that; (0, 2) where `half` is not positive.
     """
     if not half > 0.0:
         return np.zeros((0, 2))

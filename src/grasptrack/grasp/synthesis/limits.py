@@ -19,16 +19,9 @@ from grasptrack.typing import Bools, Floats, Ints
 
 
 def finger_rectangles(contacts: Floats, directions: Floats, width: float, depth: float) -> Floats:
-    """Corners of the rectangles of fingers.
+    """(..., 4, 2) px, corners of the rectangles of fingers: both ends of the pad, then the far side, going round.
 
-    Args:
-        contacts: (..., 2) px, the middle of each pad.
-        directions: (..., 2) unit, in which each finger pushes.
-        width: px along the pad.
-        depth: px behind it.
-
-    Returns:
-        (..., 4, 2) px: both ends of the pad, then the far side, going round.
+    A pad, px wide, has its middle at a contact (..., 2) px and pushes in a direction (..., 2), unit; px `depth` lie behind it.
     """
     across = 0.5 * width * np.stack([-directions[..., 1], directions[..., 0]], axis=-1)
     back = contacts - depth * directions
@@ -186,12 +179,9 @@ def why_none(
 
 
 def format_length(value: float, sign: float, px_per_mm: float | None) -> str:
-    """A length in words, rounded to the side that leaves the sentence true.
+    """`sign` times a value in px in words, in mm too where the scale is known.
 
-    Args:
-        value: `sign` times the length in px.
-        sign: 1 to round the length up, -1 to round it down.
-        px_per_mm: scale; the length is told in mm too.
+    It is rounded up for a sign of 1, down for -1: to the side that leaves the sentence true.
     """
     px = f"{abs(math.ceil(value - 1e-9))} px"
     if px_per_mm is None:

@@ -26,13 +26,7 @@ _CODECS = {"h264": "h264", "h265": "hevc", "vp9": "vp9", "av1": "libdav1d"}
 
 
 class Topic(NamedTuple):
-    """A topic of a recording.
-
-    Attributes:
-        name: as /camera/image_raw.
-        type: of its messages, as the recording spells it.
-        length: number of messages, or None where it is not known.
-    """
+    """A topic of a recording, the type of its messages as spelt there, and their number, None where it is not known."""
 
     name: str
     type: str

@@ -29,12 +29,9 @@ class Attached(NamedTuple):
 
 
 class Listing(NamedTuple):
-    """The cameras of one kind.
+    """The cameras of one kind, "camera" or an entry point of "grasptrack.cameras".
 
-    Attributes:
-        kind: camera, or a name among the entry points "grasptrack.cameras".
-        cameras: that are attached.
-        note: why there may be others that are not seen; empty where the driver looked.
+    The note says why there may be others that are not seen; it is empty where the driver looked.
     """
 
     kind: str
@@ -43,13 +40,7 @@ class Listing(NamedTuple):
 
 
 def choose_serial(spec: str, serial: str, serials: Sequence[str]) -> int:
-    """Which of several devices is meant.
-
-    Args:
-        spec: what the user named.
-        serial: the one that is asked for; empty for the only one.
-        serials: of those that are there.
-    """
+    """Which of several devices is meant by a serial number, empty for the only one; `spec` is what the user named."""
     if not serials:
         raise SourceError(f'"{spec}": no camera is attached that this driver sees', spec=spec)
     there = ", ".join(serials)
