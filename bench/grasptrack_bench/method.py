@@ -63,13 +63,7 @@ Maker = Callable[[MethodStart], Method]
 
 
 class MethodFrame(NamedTuple):
-    """One frame as the methods see it, and what is true of it.
-
-    Attributes:
-        image: (H, W) grey or (H, W, 3) BGR.
-        time: s, or None.
-        truth: None where it is not known.
-    """
+    """One frame as the methods see it, (H, W) grey or (H, W, 3) BGR, and what is true of it; None where that is not known."""
 
     image: NDArray[Any]
     time: float | None

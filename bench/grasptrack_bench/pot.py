@@ -64,9 +64,7 @@ def read_corners(path: Path) -> Floats:
 def first_shown(corners: Floats, every: int) -> int:
     """Number of the image to begin with so that every N-th meets most of the scored ones.
 
-    Args:
-        corners: (n, 4, 2) px, as of `read_corners`; one of the first N is known.
-        every: N.
+    By corners (n, 4, 2) px, as of `read_corners`, one of the first N being known.
     """
     scored = np.asarray(~np.isnan(corners).any(axis=(1, 2)))
     return int(max(np.flatnonzero(scored[:every]), key=lambda i: scored[i::every].sum()))

@@ -96,13 +96,7 @@ def area_of(polygon: Floats) -> float:
 
 
 def truth_of_quad(H: Floats, quad: Floats, size: tuple[int, int]) -> Truth | None:
-    """What is true of a frame; None where H sends the object to infinity.
-
-    Args:
-        H: (3, 3) H_current_reference.
-        quad: (4, 2) px of the object in the reference.
-        size: width and height of the images in px.
-    """
+    """What H_current_reference (3, 3) and (4, 2) px of the object tell of a frame; None where H sends it to infinity."""
     try:
         corners = apply_homography(H, quad)
     except ConditioningError:
@@ -127,13 +121,7 @@ def share_in_view(quad: Floats, size: tuple[int, int]) -> float:
 
 
 def another_object(outline: Sequence[Floats], quad: Floats, size: tuple[int, int]) -> str:
-    """Why an outline is another object's than that of a quadrilateral (4, 2) px; "" where it is the same.
-
-    Args:
-        outline: polygons in px, outer first, then holes, which do not matter here.
-        quad: of the object.
-        size: width and height of the image in px.
-    """
+    """Why an outline is another object's than that of a quadrilateral (4, 2) px; "" where it is the same, holes aside."""
     outer = outline[0]
     one, other = (_polygon_mask(polygon, size) for polygon in (outer, quad))
     share = float((one & other).sum()) / max(1.0, float((one | other).sum()))
@@ -160,11 +148,7 @@ def _points_in_image(points: Floats, size: tuple[int, int]) -> NDArray[np.bool_]
 
 
 def _parse_points(text: str, count: int) -> Floats:
-    """(count, 2) px from "x,y x,y".
-
-    Raises:
-        ValueError: other than so many points.
-    """
+    """(count, 2) px from "x,y x,y"."""
     points = np.array([[float(v) for v in point.split(",")] for point in text.split()], dtype=np.float64)
     if points.shape != (count, 2) or not np.isfinite(points).all():
         raise ValueError(f"{count} points are needed")

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
+import platform
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +23,7 @@ from grasptrack import kernels
 from grasptrack.documents import write_json
 from grasptrack.errors import InputError
 from grasptrack.files import hold_folder, prepare_folder
-from grasptrack.io.results import describe_machine, software_versions
+from grasptrack.io.results import software_versions
 from grasptrack.typing import Progress
 from grasptrack_bench.metrics.score import FrameScore
 from grasptrack_bench.records import read_records, write_records
@@ -192,6 +194,15 @@ class Filled:
     resumed: int = 0
     failed: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0
+
+
+def describe_machine() -> str:
+    """Processor, its cores and the operating system, in one line."""
+    name = platform.processor() or platform.machine()
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        name = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), name)
+    return f"{name}, {os.cpu_count() or 1} cores, {platform.system()}"
 
 
 def fill_run_folder(

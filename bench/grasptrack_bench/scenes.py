@@ -23,12 +23,7 @@ from grasptrack_bench.simulation.disturbances import DISTURBANCES, is_applicable
 
 @dataclass(frozen=True)
 class ScenePart:
-    """A part that is put on tables.
-
-    Attributes:
-        shape: its outline.
-        surface: its own texture, as of a photo; None draws one by the seed.
-    """
+    """A part that is put on tables; its own texture, as of a photo, is None where the seed draws one."""
 
     shape: Shape
     surface: TextureMap | None = None
@@ -131,9 +126,7 @@ def parts_from_silhouettes(spec: str | os.PathLike[str]) -> list[ScenePart]:
 def parts_from_photos(spec: str | os.PathLike[str], masks: str | os.PathLike[str]) -> list[ScenePart]:
     """A part for each photo of a folder or pattern, with the texture that it has there.
 
-    Args:
-        spec: of the photos.
-        masks: of their masks, which have the photos' names, whatever their suffix.
+    Masks have the photos' names, whatever their suffix.
     """
     of = {path.stem: path for path in open_masks(masks)}
     parts = []

@@ -60,9 +60,7 @@ class Scheduler(Protocol):
     def __call__(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[TaskOutcome]:
         """Outcomes as they come. A task that raises is an outcome with an error; the others go on.
 
-        Args:
-            function: of one task; importable by name, as pickle wants it.
-            tasks: its arguments, which pickle.
+        The function is importable by name, as pickle wants it; tasks pickle.
         """
         ...
 
@@ -81,12 +79,7 @@ class _Workers:
 
 
 def create_scheduler(address: str | None = None, workers: int | None = None) -> Scheduler:
-    """Who does the work.
-
-    Args:
-        address: of a Dask scheduler, "tcp://host:8786"; None works on this machine.
-        workers: processes on this machine; None takes as many as there are cores for this process.
-    """
+    """Processes on this machine, by default one for each core for this process; or a Dask scheduler's, "tcp://host:8786"."""
     if address is None:
         if workers is not None and workers < 1:
             raise InputError(f"at least 1 worker is needed, not {workers}", workers=workers)
@@ -109,8 +102,7 @@ def available_cores() -> int:
 def code_fingerprint() -> str:
     """What a result depends on besides its task; results of different code are never mixed.
 
-    Returns:
-        Hexadecimal digest of this package's sources, its compiled kernels, and the versions of NumPy and OpenCV.
+    A hexadecimal digest of this package's sources, its compiled kernels, and the versions of NumPy and OpenCV.
     """
     import cv2
 

@@ -85,16 +85,10 @@ def clipped_view(curve: Floats, normal: Floats, share: float, start: float, cont
 
 
 def clip_polygon(points: Floats, normal: Floats, border: float) -> tuple[Floats, Bools | None]:
-    """A closed polygon cut off where normal . x > border.
+    """What is left (M, 2) of a closed polygon (N, 2) cut off where normal . x > border, and (M,) which points lie on that.
 
-    Args:
-        points: (N, 2).
-        normal: (2,).
-        border: of the half plane that is kept.
-
-    Returns:
-        (M, 2) what is left, none where all lies beyond, with the border's piece between each way out and in; and (M,) which
-        points lie on the border, None where pieces of it overlap, so that what is left is not in one piece.
+    None is left where all lies beyond, and the border's piece is between each way out and in. The second is None where pieces
+    of it overlap, so that what is left is not in one piece.
     """
     beyond = points @ normal - border
     if (beyond <= 0.0).all():

@@ -68,13 +68,10 @@ def fill_page(text: str, folder: Path) -> str:
 
 
 def markdown_of(rows: Sequence[Row], columns: str = "", where: str = "", number: str = "") -> str:
-    """Rows as a Markdown table.
+    """Rows, by head, as a Markdown table of a number, which is for messages.
 
-    Args:
-        rows: by head.
-        columns: heads to show, between semicolons, each as itself or `as` another; all if empty.
-        where: what rows must have: `head = value / value`, between semicolons; all rows if empty.
-        number: of the table, for messages.
+    `columns` are heads to show, between semicolons, each as itself or `as` another; `where` what rows must have,
+    `head = value / value`, between semicolons. Where either is empty, all are meant.
     """
     pairs = [(head, name or head) for head, _, name in (c.partition(" as ") for c in _parts(columns) or rows[0])]
     kept = _kept_rows(rows, where, number)

@@ -37,11 +37,7 @@ class MissingEvidenceError(LookupError):
 
 
 class Evidence:
-    """Cells of a run's tables.
-
-    Args:
-        tables: rows by head, by the table's number.
-    """
+    """Cells of a run's tables: rows by head, by the table's number."""
 
     def __init__(self, tables: Mapping[str, Rows]) -> None:
         self._tables = tables

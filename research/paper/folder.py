@@ -12,10 +12,11 @@ from typing import Any
 from grasptrack import kernels
 from grasptrack.documents import write_json
 from grasptrack.errors import InputError
-from grasptrack.io.results import describe_machine, software_versions
+from grasptrack.io.results import software_versions
 from grasptrack.typing import Floats
 from grasptrack.view.drawing import png_bytes
 from grasptrack_bench.report.table import Cell, to_csv, to_json, to_markdown, to_text
+from grasptrack_bench.run_folder import describe_machine
 from research.paper.page import paper_report
 from research.paper.run import PaperRun
 from research.paper.runs import StrategyRun

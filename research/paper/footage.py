@@ -106,11 +106,9 @@ def path_homographies(path: Path) -> Floats:
 
 
 def sample_view(polygons: tuple[Floats, ...], starts: Floats | None = None) -> View:
-    """Outer contour of `POINTS` points and holes as dense, equal steps along closed polygons (N, 2) px.
+    """Outer contour of `POINTS` points and holes as dense, equal steps along closed polygons (N, 2) px, outer first.
 
-    Args:
-        polygons: outer first.
-        starts: (C,) of each contour, in its steps from the polygon's first point; None begins there.
+    They start (C,) steps from each polygon's first point; None begins there.
     """
     lengths = [float(kernels.arc_length(p)[-1]) for p in polygons]
     counts = [max(LEAST_POINTS, round(POINTS * length / lengths[0])) for length in lengths]
@@ -265,11 +263,9 @@ def in_four_dof(reference: View, H: Floats) -> list[View]:
 
 
 def pixel_chain_view(polygons: tuple[Floats, ...], begun: Floats | None = None) -> View:
-    """Curves as a binary image shows them: so many of its pixels, as evenly as whole ones can be taken.
+    """Curves (N, 2) px as a binary image shows them: so many of its pixels, as evenly as whole ones can be taken.
 
-    Args:
-        polygons: (N, 2) px each, outer first; the image is as large as it has to be.
-        begun: (2,) px: the outer chain begins at its pixel nearest to it. None begins at the topmost pixel.
+    The outer one comes first; its chain begins at the pixel nearest to `begun` (2,) px, or if None at the topmost pixel.
     """
     corner = np.floor(polygons[0].min(axis=0)) - 2.0
     width, height = (np.ceil(polygons[0].max(axis=0)) + 3.0 - corner).astype(int).tolist()
@@ -333,11 +329,7 @@ def nearest_points(contacts: Floats, view: View) -> Floats:
 def rendered_footage(
     part: FilmedPart, motion: Motion, frames: int, seed: int, after: Callable[[], None] = lambda: None
 ) -> tuple[Footage, list[Grey]]:
-    """A trajectory as images, and what was observed in them.
-
-    Returns:
-        The footage, and the first image and the one in the middle, (H, W) each.
-    """
+    """A trajectory as images, and what was observed in them, with the first image and the one in the middle, (H, W) each."""
     return observe_scene(part, motion, Scene(part.shape, camera_trajectory(motion, frames, seed), seed=seed), after)
 
 

@@ -178,13 +178,9 @@ def figure_ten(c: Correspondences) -> Picture:
 
 
 def errors_along(v: Floats, i: int, w: Floats, places: Floats, radius: int) -> Floats:
-    """(M,) eq. (3) between a sample of one contour and places j of another, (M,), lengths in samples.
+    """(M,) eq. (3) between sample i of a contour and places j (M,) of another, which may go round, lengths in samples.
 
-    Args:
-        v, w: (N,), (N',) curvature of both in the same unit.
-        i: sample of the first.
-        places: in samples of the second; they may go round.
-        radius: n.
+    v and w are (N,) and (N',) the curvature of both in the same unit; the radius is n.
     """
     k = np.arange(-radius, radius + 1)
     there = np.interp(places[:, None] + len(w) / len(v) * k, np.arange(len(w)), w, period=len(w))

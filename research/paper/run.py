@@ -85,12 +85,8 @@ def run_paper(
 ) -> PaperRun:
     """Rerun the paper's tables on three objects, and the transfers on every shape; the same extent gives the same run.
 
-    Ours and the paper's to the letter, without the tracker's judgement: what they refuse they refuse themselves.
-
-    Args:
-        extent: how much; None for all.
-        schedule: of the shapes and seeds; None does one after the other in this process.
-        progress: see `Progress`.
+    Ours and the paper's to the letter, without the tracker's judgement: what they refuse they refuse themselves. Without a
+    schedule, shapes and seeds are done one after the other in this process.
     """
     extent = extent or Extent()
     _check(extent)

@@ -105,12 +105,9 @@ def summarize(runs: Iterable[StrategyRun]) -> list[Cell]:
 
 
 def median_interval(values: Floats, units: Sequence[object], draws: int = 1000) -> tuple[float, float, float]:
-    """Median of values and its 95 % interval, by drawing whole units anew (bootstrap of clusters).
+    """Median of values (n,), n > 0, and its 95 % interval, by drawing whole units anew (bootstrap of clusters).
 
-    Args:
-        values: (n,), n > 0.
-        units: (n,) which unit each value belongs to: values of one unit are not independent of each other.
-        draws: of the bootstrap.
+    `units` (n,) tells which each value belongs to: values of one unit are not independent of each other.
     """
     names = list(dict.fromkeys(units))
     unit = np.array([names.index(u) for u in units])

@@ -146,14 +146,7 @@ def transferred_contacts(
 
 @dataclass(frozen=True)
 class Return:
-    """A grasp transferred from the first view to another and back.
-
-    Attributes:
-        footage: object, contours, trajectory.
-        strategy: its name.
-        frame: the other view.
-        answer: (2, 2) px where it came back to, or why it did not.
-    """
+    """A grasp transferred to another frame and back: (2, 2) px where it came back to, or why it did not."""
 
     footage: Footage
     strategy: str

@@ -27,11 +27,7 @@ TILTED = np.array([[0.9, 0.2, 10.0], [-0.15, 1.1, 5.0], [3e-4, -2e-4, 1.0]])
 def closes_after(outline: Outline, contacts: Floats, slips: Floats, friction: float) -> Bools:
     """(n,) whether a grasp closes after its contacts have slipped along the outline: what independent regions promise.
 
-    Args:
-        outline: a Contour or View.
-        contacts: (k, 2) px, the grasp's; they are moved onto the outline.
-        slips: (n, k) px of arc length, along the direction of the contours.
-        friction: Coulomb coefficient.
+    The contacts (k, 2) px are moved onto the outline; slips (n, k) are px of arc length, along the direction of the contours.
     """
     n, k = slips.shape
     places = np.empty((n, k, 2))

@@ -23,11 +23,11 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.io.results import describe_machine
 from grasptrack.typing import Bools, Floats, Pixels
 from grasptrack_bench.method import Maker, MethodStart
 from grasptrack_bench.metrics.mask_agreement import ENOUGH_F, ENOUGH_IOU, boundary_f, intersection_over_union, mask_of
 from grasptrack_bench.metrics.score import Score, Truth
+from grasptrack_bench.run_folder import describe_machine
 from grasptrack_bench.simulation import SceneFrame
 
 cv2.setNumThreads(1)

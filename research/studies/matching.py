@@ -191,15 +191,7 @@ class OutcomeTally:
 
 
 class ViewPair(NamedTuple):
-    """Two views of a part.
-
-    Attributes:
-        shape: the part.
-        paths: either camera's pose.
-        views: what they see.
-        second: the part has a second alignment there.
-        rng: for whatever else is drawn.
-    """
+    """Two views of a part: poses of both cameras and what they see, and whether the part has a second alignment there."""
 
     shape: Shape
     paths: tuple[Path, Path]

@@ -137,11 +137,7 @@ def fit_unforeseen(
 ) -> Unforeseen:
     """The numbers that make what came of runs most probable, and their errors' quantiles best (pinball loss of the log).
 
-    Args:
-        outcomes: of the runs.
-        weights: (n,) of each.
-        start: from where they are looked for.
-        near: share of each number within which they are found.
+    Each run has its weight (n,); numbers are looked for from `start`, to within a share `near` of each.
     """
     from scipy.optimize import minimize  # of the development extras
 

@@ -275,11 +275,7 @@ def show_pairs(pairs: int, points: int, seed: int, workers: int) -> None:
 def transfer_turned(odd: float | None, strategy: str, tilt: float, seed: int) -> tuple[str, float] | None:
     """What a transfer without a prior makes of a pair at any turn, and the overlap of the outline with its half turn.
 
-    Args:
-        odd: as for `twin_outline`; None for a random outline.
-        strategy: of the transfer.
-        tilt: degrees of the second view.
-        seed: of all.
+    `odd` is as for `twin_outline`, None for a random outline; the tilt of the second view is in degrees.
     """
     rng = np.random.default_rng([seed, 0 if odd is None else 1 + round(1e4 * odd)])
     outline = random_outline(rng) if odd is None else twin_outline(rng, odd)

@@ -11,18 +11,18 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 39_935,
+    "src/grasptrack": 39_914,
     "src/grasptrack/tracking": 7_625,
     "src/grasptrack/servo": 4_808,
-    "src/grasptrack/io": 5_464,
+    "src/grasptrack/io": 5_454,
     "src/grasptrack/segmentation": 3_921,
-    "src/grasptrack/cli": 3_131,
+    "src/grasptrack/cli": 3_120,
     "src/grasptrack/live": 2_486,
     "src/grasptrack/view": 2_026,
     "src/grasptrack/trackability": 1_954,
     "src/grasptrack/grasp": 1_860,
-    "bench": 15_228,
-    "research": 10_712,
+    "bench": 15_022,
+    "research": 10_654,
     "native": 7_356,
     "tests": 42_253,
 }

@@ -37,12 +37,7 @@ NEARLY_AS_GOOD = 0.7
 
 
 class Choice(NamedTuple):
-    """What was found.
-
-    Attributes:
-        grasps: best first.
-        reason: empty where there are grasps, else why not.
-    """
+    """Grasps, best first, or the reason why there are none; it is empty where there are."""
 
     grasps: list[Grasp]
     reason: str
@@ -123,12 +118,9 @@ def turn_between(contacts: Floats, tips: Floats) -> float:
 
 
 def width_in_m(contacts: Floats, tips: Floats, opening: float) -> float:
-    """m that the hand is open where it touches contacts that are seen at the depth of the fingertips.
+    """m that the hand is open where it touches contacts (k, 2) px that are seen at the depth of the fingertips (k, 2) px.
 
-    Args:
-        contacts: (k, 2) px.
-        tips: (k, 2) px of the fingertips.
-        opening: m of the hand as the tips are seen: their distance, of three twice that from their middle.
+    `opening` is m of the hand as the tips are seen: their distance, of three twice that from their middle.
     """
     return float(opening * _contact_span(contacts) / _contact_span(tips))
 

@@ -190,16 +190,10 @@ def plot_approach(
     title: str,
     path: Path,
 ) -> None:
-    """Write a picture of four charts over time.
+    """Write a picture of four charts over time, s, as a PNG.
 
-    Args:
-        times: (n,) s.
-        errors: (4,) or (6,) of the features at each time.
-        error_px: of the farthest contact from its goal.
-        twists: (6,) m/s and rad/s.
-        blind: where the grasp was not seen; shaded.
-        title: above it.
-        path: of the PNG.
+    Errors are (4,) or (6,) of the features, `error_px` that of the farthest contact from its goal, twists (6,) in m/s and
+    rad/s. Where the grasp was not seen (`blind`) is shaded.
     """
     figure = create_figure(9.0, 8.0, layout="constrained")
     axes = figure.subplots(4, 1, sharex=True)

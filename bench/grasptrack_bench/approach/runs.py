@@ -43,11 +43,9 @@ _EXPECTED = 250
 
 
 class TrialRecord:
-    """Keeps what the plots show, and writes the video as it goes.
+    """Keeps what the plots show, and writes the video, if it is given a file, as it goes.
 
-    Args:
-        video: file; None writes none.
-        progress: called with stage, images so far, and how many are to be expected.
+    `progress` is called with stage, images so far, and how many are to be expected.
     """
 
     def __init__(self, video: Path | None, progress: Progress | None) -> None:
@@ -305,11 +303,7 @@ def _format_row(row: Row) -> dict[str, str]:
 
 
 def _parse_row(cells: Mapping[str, str]) -> Row:
-    """The inverse of `_format_row`, but for digits that it leaves out.
-
-    Raises:
-        KeyError, TypeError, ValueError: no such row.
-    """
+    """The inverse of `_format_row`, but for digits that it leaves out."""
     read: dict[str, Callable[[str], Any]] = {
         "int": int,
         "float": lambda cell: float(cell) if cell else math.nan,

@@ -177,14 +177,9 @@ class _Run:
 
 
 def run_trial(case: ApproachCase, watch: Watch | None = None) -> tuple[Row, bytes]:
-    """Look, choose, approach, close, lift.
+    """Look, choose, approach, close, lift; `watch` is called after every step.
 
-    Args:
-        case: what is to be tried.
-        watch: called after every step.
-
-    Returns:
-        What became of it, and a PNG of the end where it failed and pictures are asked for; else empty.
+    What became of it, and a PNG of the end where it failed and pictures are asked for; else empty.
     """
     row = Row(case.seed, case.shape.name, case.scenario, case.arm, case.law, fingers=case.fingers)
     world = World(

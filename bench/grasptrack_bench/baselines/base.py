@@ -22,12 +22,7 @@ from grasptrack_bench.method import MethodStart
 
 
 class PartRegion(NamedTuple):
-    """The part in the first image.
-
-    Attributes:
-        mask: (H, W) uint8, 255 on the part, holes left out.
-        outer: (N, 2) px, its outer polygon.
-    """
+    """The part in the first image: (H, W) 255 on it, holes left out, and its outer polygon (N, 2) px."""
 
     mask: Grey
     outer: Floats
@@ -91,13 +86,7 @@ class LostError(GraspTrackError):
 
 
 class BaselineAnswer(NamedTuple):
-    """A peer's answer.
-
-    Attributes:
-        contacts: (k, 2) px.
-        homography: (3, 3) H_current_reference, or None.
-        confidence: NaN where there is none.
-    """
+    """A peer's answer: contacts (k, 2) px, H_current_reference (3, 3) or None, and its confidence, NaN where there is none."""
 
     contacts: Floats
     homography: Floats | None

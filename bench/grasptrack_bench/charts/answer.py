@@ -23,16 +23,10 @@ WRONG_RGB: Colour = (255, 96, 48)
 
 
 def draw_answer(image: NDArray[Any], truth: Floats | None, outline: Sequence[Floats], answer: Floats | None) -> Picture:
-    """A piece of the image round the object, with its true outline and contacts and the contacts that were given.
+    """(300, 400, 3) uint8 BGR: a piece of the image round the object, with its true outline and contacts, and those given.
 
-    Args:
-        image: grey or BGR.
-        truth: (k, 2) px, true contacts; None where the object is gone.
-        outline: its true polygons (n, 2) px; empty where they are not known.
-        answer: (k, 2) px, contacts as they were given; None where there were none.
-
-    Returns:
-        (300, 400, 3) uint8 BGR.
+    The true contacts (k, 2) px are None where the object is gone, the polygons (n, 2) px empty where they are not known, the
+    contacts (k, 2) px of the answer None where there were none.
     """
     source = as_bgr(image)
     truth = None if truth is None or not np.isfinite(truth).all() else truth

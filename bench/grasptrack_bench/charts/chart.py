@@ -88,10 +88,7 @@ def linear_ticks(low: float, high: float) -> list[float]:
 def log_range(values: ArrayLike, least: float, most: float, floor: float = 2.0) -> tuple[float, float]:
     """Ends of a logarithmic axis that holds the positive finite values, within limits and at 1, 2 or 5 of a decade.
 
-    Args:
-        values: any; others are left out.
-        least, most: the ends never go beyond these.
-        floor: the least ratio of the ends.
+    `floor` is the least ratio of the ends.
     """
     array = np.asarray(values, dtype=np.float64)
     array = array[np.isfinite(array) & (array > 0.0)]

@@ -48,12 +48,9 @@ class ErrorMeasure:
 
 
 def error_measure(contacts: ArrayLike, truth: ArrayLike, area: float) -> ErrorMeasure:
-    """Average and maximum over the contacts of one grasp: R_f E or R_v E of Section V.
+    """Average and maximum over the contacts (k, 2) px of one grasp, off the true ones (k, 2) px: R_f E or R_v E of Section V.
 
-    Args:
-        contacts: (k, 2) px.
-        truth: (k, 2) px, the reference grasp points.
-        area: px^2 of the object in the image where the distances are taken.
+    The area, px^2, is the object's in the image where the distances are taken.
     """
     if not area > 0.0:
         raise ValueError(f"an object's area must be positive, not {area:g} px^2")

@@ -258,12 +258,8 @@ def _frame_ranges(frames: Sequence[int], flags: Sequence[bool]) -> list[tuple[in
 def precision_curve(runs: Runs, at: Floats, of_opening: bool = False) -> Floats:
     """Share of the frames with 70 % of the outline in view or more whose contacts were all within `at` (m,).
 
-    Frames without contacts count as missed, so that a method that answers seldom gains nothing.
-
-    Args:
-        runs: frames of one method.
-        at: distances, px; per cent of the true opening with `of_opening`.
-        of_opening: see `at`.
+    px, or per cent of the true opening. Frames without contacts count as missed, so that a method that answers seldom gains
+    nothing.
     """
     asked = [f for run in runs for f in run if not f.defining and f.present and f.visible >= PARTLY]
     size = [(100.0 * f.error / f.opening if of_opening else f.error) if f.answered else np.inf for f in asked]

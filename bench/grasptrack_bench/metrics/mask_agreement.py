@@ -26,11 +26,7 @@ def mask_of(view: View | Contour, shape: tuple[int, int]) -> Mask:
 
 
 def intersection_over_union(a: Mask, b: Mask) -> float:
-    """Area that two masks (H, W) share, over the area that either covers, 0 to 1; two empty masks agree.
-
-    Raises:
-        ValueError: the masks differ in size.
-    """
+    """Area that two masks (H, W) of one size share, over the area that either covers, 0 to 1; two empty masks agree."""
     _same_size(a, b)
     either = np.count_nonzero(a | b)
     return float(np.count_nonzero(a & b) / either) if either else 1.0
@@ -53,12 +49,7 @@ def mask_boundary(mask: Mask) -> Mask:
 def boundary_f(a: Mask, b: Mask, tolerance: float = 4.0) -> float:
     """Harmonic mean of the shares of each mask's boundary that lies near the other's, 0 to 1; two empty masks agree.
 
-    Args:
-        a, b: (H, W).
-        tolerance: px, the distance up to which a boundary pixel counts as near.
-
-    Raises:
-        ValueError: the masks differ in size.
+    Near is within a tolerance in px; the masks (H, W) are of one size.
     """
     _same_size(a, b)
     edge_a, edge_b = mask_boundary(a), mask_boundary(b)

@@ -21,12 +21,9 @@ LEVEL = 0.05
 
 
 def wilson_interval(events: int, trials: int, z: float = TWO_SIDED_95) -> tuple[float, float]:
-    """Lower and upper bound of a rate (E. B. Wilson 1927); NaN without trials.
+    """Lower and upper bound of a rate (E. B. Wilson 1927) of events of independent trials; NaN without trials.
 
-    Args:
-        events: of the trials.
-        trials: independent ones.
-        z: quantile of the normal distribution; `TWO_SIDED_95` for an interval, `ONE_SIDED_95` for one bound.
+    z is a quantile of the normal distribution: `TWO_SIDED_95` for an interval, `ONE_SIDED_95` for one bound.
     """
     if trials <= 0:
         return math.nan, math.nan

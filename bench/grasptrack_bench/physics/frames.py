@@ -51,11 +51,7 @@ def rotation_to_quaternion(R: Floats) -> Floats:
 def plane_to_image(K: Floats, camera_pose: Floats, plane: Floats, height: float = 0.0) -> Floats:
     """(3, 3) from a plane to ideal px: a point (u, v) of an outline, x right and y down from above, lies at (u, -v, height).
 
-    Args:
-        K: (3, 3) of the camera.
-        camera_pose: (4, 4) of the camera in the world.
-        plane: (4, 4) of the plane's body in the world.
-        height: m along the body's z.
+    Camera and plane have their poses (4, 4) in the world; the height is m along the body's z.
     """
     T = np.linalg.inv(camera_pose) @ plane
     H = K @ np.column_stack([T[:3, 0], -T[:3, 1], T[:3, 3] + height * T[:3, 2]])

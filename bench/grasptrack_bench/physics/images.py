@@ -188,13 +188,9 @@ class Layer(NamedTuple):
 
 
 def boxes_seen(boxes: list[Floats], to_camera: Floats, K: Floats, level: float) -> Layer:
-    """What boxes cover of an image. The farther faces are drawn first.
+    """What boxes of (8, 3) corners each cover of an image. The farther faces are drawn first.
 
-    Args:
-        boxes: (8, 3) corners each.
-        to_camera: (4, 4) from their frame to the camera's.
-        K: (3, 3) of the camera.
-        level: mean grey level; faces differ by their direction.
+    `to_camera` is (4, 4) from their frame; faces differ by their direction from the mean grey level.
     """
     faces: list[tuple[float, float, Floats]] = []
     for box in boxes:

@@ -35,12 +35,7 @@ FINE, HALF = 5e-4, 0.16
 
 
 class Pull(NamedTuple):
-    """What is done to the part.
-
-    Attributes:
-        way: (2,) m, in the world.
-        turn: rad about the vertical.
-    """
+    """What is done to the part: a way (2,) in m, in the world, and a turn in rad about the vertical."""
 
     way: Floats
     turn: float

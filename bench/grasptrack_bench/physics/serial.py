@@ -50,12 +50,9 @@ ZERO: Floats = rotation_about_z(-math.pi / 2.0) @ frames.DOWN
 
 
 def base_for(hand: Floats, part: Floats, belt: Floats) -> Floats:
-    """(4, 4) of the arm's base: beside the part on the hand's back side, its x toward the hand.
+    """(4, 4) of the arm's base: beside the part (2,) m on the hand's back side, its x toward the hand (4, 4) at the start.
 
-    Args:
-        hand: (4, 4) of the hand at the start.
-        part: (2,) m, of the part on the table.
-        belt: (2,) m/s of the table; the base then stands beside the belt's way, further down.
+    Where the table moves, by `belt` (2,) m/s, it stands beside the belt's way, further down.
     """
     back = hand[:2, 1]
     speed = float(np.hypot(*belt))

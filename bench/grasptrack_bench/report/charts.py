@@ -31,13 +31,9 @@ WAIT = 30
 
 
 def time_charts(run: EvaluationRun, level: str, series: Methods, ends: tuple[float, float]) -> tuple[Chart, Chart]:
-    """Error over the frames of one level, and below it the share located.
+    """Error over the frames of one level, a disturbance or a video, and below it the share located.
 
-    Args:
-        run: of an evaluation.
-        level: a disturbance or a video.
-        series: the methods, in the order of drawing.
-        ends: of the axis of errors, px.
+    `ends` are those of the axis of errors, px.
     """
     cases = [c for c in run.scored if c.disturbance == level]
     lines = {name: over_time(run.runs(name, cases)) for name in series if run.runs(name, cases)}

@@ -127,16 +127,9 @@ class Contents:
 def write_page(
     path: Path, template: Path, title: str, kicker: str, series: dict[str, Series], focus: str = "", **content: Any
 ) -> Path:
-    """Write a page, whole or not at all.
+    """Write a page, whole or not at all: heading, a line above it (`kicker`), and a template's body, which may use `templates`.
 
-    Args:
-        path: of the HTML file.
-        template: file of its body, which may use what is in `templates`.
-        title: its heading.
-        kicker: a line above it.
-        series: the methods whose lines can be shown and hidden, in the order of the keys.
-        focus: the method whose bands are shown at first.
-        **content: what the template is given.
+    The lines of `series` can be shown and hidden, in the order of the keys; the bands of `focus` are shown at first.
     """
     from markupsafe import Markup
 

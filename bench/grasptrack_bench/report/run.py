@@ -61,15 +61,9 @@ class Loss(NamedTuple):
 
 
 def write_report(folder: Path, *, picture: Picture | None = None, progress: Progress | None = None) -> Path:
-    """Write `summary.csv`, `summary.json`, `figures/*.svg` and `report.html` of a run.
+    """Write `summary.csv`, `summary.json`, `figures/*.svg` and `report.html`, whose path it returns, of a run.
 
-    Args:
-        folder: of the run.
-        picture: gives what is to be shown of a frame; without it there are no pictures of the worst frames.
-        progress: see `Progress`.
-
-    Returns:
-        The path of the HTML page.
+    `picture` gives what is to be shown of a frame; without it there are no pictures of the worst frames.
     """
     run = read_run(folder)
     summary = summarise_run(run)

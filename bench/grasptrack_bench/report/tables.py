@@ -63,11 +63,7 @@ def measures_table(
 ) -> PageTable:
     """A line for each row with some measures; the best value of a column is set in weight where methods compete.
 
-    Args:
-        rows: of a summary.
-        which: of the measures, `ANSWERS` or `ERRORS`.
-        first: head of the first column.
-        by_method: lines are methods; else they are levels of one method.
+    Lines are methods (`by_method`), or levels of one method.
     """
     keys = ANSWERS if which == "answers" else ERRORS
     best = {key: _best_value(key, [value_of(r, key) for r in rows]) for key in _BEST_OF} if by_method else {}

@@ -112,12 +112,7 @@ EXACT = 1e-12
 
 @dataclass(frozen=True)
 class RollingShutter:
-    """From a plane to ideal px while rows are exposed one after another.
-
-    Attributes:
-        homographies: (K, 3, 3) at rows spread evenly from the first to the last.
-        height: px, of the image.
-    """
+    """From a plane to ideal px, (K, 3, 3) at rows spread evenly from the first to the last, exposed one after another."""
 
     homographies: Floats
     height: int
@@ -157,9 +152,7 @@ class RollingShutter:
     def back_map(self, x0: int, y0: int, x1: int, y1: int, rays: Floats32 | None = None) -> tuple[Floats32, Floats32]:
         """Where each pixel of a box looks at the plane: x and y, (y1 - y0, x1 - x0) each.
 
-        Args:
-            x0, y0, x1, y1: px, the box.
-            rays: (y1 - y0, x1 - x0, 2) ideal px of its pixels; None where the lens does not distort.
+        Rays are ideal px (y1 - y0, x1 - x0, 2) of its pixels; None where the lens does not distort.
         """
         rows = np.arange(y0, y1, dtype=np.float64)
         back = np.linalg.inv(self.at(rows))

@@ -178,12 +178,9 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def caption_layer(text: str, corner: tuple[int, int], scale: float) -> Overlay:
-    """A text that is burnt into the image, white with a black border.
+    """A text that is burnt into the image, white with a black border, from its lower left end (x, y) px on.
 
-    Args:
-        text: "{}" in it stands for the time in s.
-        corner: (x, y) px, of its lower left end.
-        scale: of the letters; 1 is some 21 px high.
+    "{}" in it stands for the time in s; of scale 1 it is some 21 px high.
     """
     (wide, high), base = cv2.getTextSize(text.format("000.00"), FONT, scale, 3)
     x, y = corner

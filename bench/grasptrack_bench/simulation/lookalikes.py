@@ -29,12 +29,9 @@ length), and how much a notch leaves of the material, a tab of the gap, in sqrt(
 
 @dataclass(frozen=True)
 class Fit:
-    """The rigid motion that lays one outline on another best.
+    """The rigid motion that lays one outline on another best: a turn about the origin, rad, then a shift (2,).
 
-    Attributes:
-        distance: largest distance left between them, from either to the other, in their unit.
-        turn: rad, about the origin.
-        shift: (2,), after the turn.
+    The distance is the largest left between them, from either to the other, in their unit.
     """
 
     distance: float
@@ -113,12 +110,7 @@ def mirror_symmetric(shape: Shape) -> bool:
 
 
 def near_twin(shape: Shape, seed: int = 0) -> Shape:
-    """The same part but for one notch or tab somewhere on its outer outline.
-
-    Args:
-        shape: the part.
-        seed: of the place, of notch or tab, and of its size: 10 to 15 % of sqrt(area), wide and deep.
-    """
+    """The same part but for one notch or tab, 10 to 15 % of sqrt(area) wide and deep, somewhere on its outer outline."""
     rng = np.random.default_rng((seed, zlib.crc32(shape.name.encode()), 41))
     for straight, clearance in ROOM:
         for _ in range(300):
@@ -236,15 +228,9 @@ class Room:
         return np.asarray(self._distance[at[..., 1], at[..., 0]], dtype=np.float64)
 
     def pushed_up(self, shape: Shape, direction: float, clearance: float) -> tuple[float, float] | None:
-        """Where a part ends that is pushed toward the origin along a direction until it nearly meets something.
+        """The shift of a part that is pushed toward the origin until it nearly meets something; None where it meets nothing.
 
-        Args:
-            shape: the part, turned as it is to lie.
-            direction: rad, from the origin to where it comes from.
-            clearance: table units that are left between it and what it meets.
-
-        Returns:
-            Its shift; None where it meets nothing.
+        It is turned as it is to lie, and comes from a direction, rad; table units of clearance are left.
         """
         way = np.array([math.cos(direction), math.sin(direction)])
         outer = Shape("", shape.outer).samples(160)
@@ -272,17 +258,9 @@ def place_beside(
     gaps: Sequence[tuple[float, float]],
     fits: Callable[[Shape], bool],
 ) -> list[PlacedPart]:
-    """Places for parts beside an object, none of which touches another.
+    """Places for parts beside an object at the origin, none of which touches another; those for which one was found.
 
-    Args:
-        part: the object, at the origin.
-        shapes: what is to lie beside it.
-        rng: for directions and turns.
-        gaps: table units, least and most, between each and what it lies next to.
-        fits: whether a part at its place is wanted there, as when it is in view.
-
-    Returns:
-        Those for which a place was found.
+    Between each and what it lies next to are table units, least and most; `fits` says whether it is wanted there.
     """
     placed: list[PlacedPart] = []
     lying = [part]

@@ -25,10 +25,7 @@ SMALLEST_HOLE = 12.0
 def shape_from_mask(mask: ArrayLike, name: str = "silhouette") -> Shape:
     """The part that a silhouette shows, its outline smooth and sub-pixel, its holes kept.
 
-    Args:
-        mask: (H, W) or (H, W, 1), not 0 where the part is. Of several pieces the largest is taken. One that touches the
-            border ends there.
-        name: of the shape.
+    The mask (H, W) or (H, W, 1) is not 0 there. Of several pieces the largest is taken; one that touches the border ends there.
     """
     outer, *holes = mask_polygons(mask, name)
     return Shape.of(name, outer, holes)
@@ -78,15 +75,10 @@ AROUND = 24
 
 
 def part_of_photo(image: Pixels, mask: ArrayLike, name: str = "photo") -> tuple[Shape, TextureMap]:
-    """The part that a mask shows in a photo, and its surface in the part's own units.
+    """The part that a mask (H, W) shows in a photo, and its surface in the part's own units.
 
     The colours a little inside the mask are carried outward over its rim and beyond, so that nothing of the photo's
     background shows at the part's edge.
-
-    Args:
-        image: (H, W) grey or (H, W, 3) BGR, 8 bit.
-        mask: (H, W), not 0 where the part is; see `silhouette`.
-        name: of the shape.
     """
     picture, shown = np.asarray(image), np.asarray(mask)
     if picture.dtype != np.uint8 or picture.ndim not in (2, 3) or picture.shape[:2] != shown.shape[:2]:

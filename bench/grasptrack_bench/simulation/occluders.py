@@ -33,10 +33,7 @@ class Cover(Protocol):
     def polygon(self, index: int, H: Floats, camera: Pinhole) -> Floats | None:
         """(N, 2) px of the image where it is in a frame; None where it is not in view.
 
-        Args:
-            index: of the frame.
-            H: (3, 3) from the part's plane, in table units, to ideal px.
-            camera: the image's size and lens.
+        H (3, 3) takes the part's plane, in table units, to ideal px.
         """
 
 

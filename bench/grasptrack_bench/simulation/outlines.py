@@ -18,13 +18,7 @@ ARC_STEP = math.radians(4.0)  # chord to arc: 0.06 % of the radius, far below wh
 
 @dataclass(frozen=True)
 class Shape:
-    """A flat part.
-
-    Attributes:
-        name: what it is called in tables.
-        outer: (N, 2) outer polygon, x right, y down, positive signed area.
-        holes: polygons (M, 2) with negative signed area.
-    """
+    """A flat part: its outer polygon (N, 2), x right, y down, of positive signed area, and holes (M, 2) of negative."""
 
     name: str
     outer: Floats
@@ -99,12 +93,7 @@ def circle_polygon(x: float, y: float, radius: float, points: int = 90) -> Float
 
 
 def round_corners(vertices: ArrayLike, radii: float | Sequence[float]) -> Floats:
-    """A polygon whose corners are rounded by arcs tangent to both sides.
-
-    Args:
-        vertices: (N, 2) corners.
-        radii: one radius, or one for each corner; 0 keeps it sharp.
-    """
+    """A polygon (N, 2) whose corners are rounded by arcs tangent to both sides; a radius of 0 keeps one sharp."""
     corners = np.asarray(vertices, dtype=np.float64)
     sizes = np.broadcast_to(np.asarray(radii, dtype=np.float64), (len(corners),))
     points: list[Floats] = []
@@ -134,11 +123,9 @@ def arc_points(x: float, y: float, radius: float, start: float, end: float) -> F
 
 
 def stroke_outline(line: ArrayLike, half: ArrayLike) -> Floats:
-    """The outline of a line drawn with a round pen whose width changes along it.
+    """The outline of a line (N, 2), close together where it bends, drawn with a round pen of half-widths (N,) or one.
 
-    Args:
-        line: (N, 2) points, close together where it bends.
-        half: (N,) or one half-width; a half-width of 0 at an end makes it pointed.
+    A half-width of 0 at an end makes it pointed.
     """
     centre = np.asarray(line, dtype=np.float64)
     radius = np.broadcast_to(np.asarray(half, dtype=np.float64), (len(centre),))

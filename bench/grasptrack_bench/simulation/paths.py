@@ -49,9 +49,7 @@ class Path:
     def table_to_image(self, camera: Pinhole, height: float = 0.0) -> Floats:
         """(F, 3, 3) homographies from table coordinates to ideal pixels, the last element of each 1.
 
-        Args:
-            camera: its intrinsics; distortion comes after, by `Pinhole.distort`.
-            height: table units above the table of the plane that is seen.
+        Distortion comes after, by `Pinhole.distort`. The plane that is seen is at a height in table units.
         """
         homographies = np.empty((len(self), 3, 3))
         for i in range(len(self)):
@@ -228,12 +226,7 @@ def at_rest(path: Path) -> Path:
 def add_hand_tremor(shape: Shape, path: Path, camera: Pinhole, *, speed: float, seed: int) -> Path:
     """The same path with the tremor of a hand: irregular, its direction another every few frames, from rest on.
 
-    Args:
-        shape: the part; the camera keeps so far away that it stays in view.
-        path: without tremor.
-        camera: whose image the part stays in.
-        speed: px a frame, largest motion of the part's middle that the tremor adds.
-        seed: of the tremor.
+    It adds at most px a frame to the motion of the part's middle; the camera keeps so far away that the part stays in view.
     """
     rng, frames = np.random.default_rng((seed, 71)), len(path)
     white = rng.standard_normal((frames + 24, 3))
@@ -286,14 +279,9 @@ def hand_held(shape: Shape, path: Path, camera: Pinhole, *, speed: float, tail: 
 
 
 def from_aside(shape: Shape, path: Path, camera: Pinhole, *, lean: float, seed: int) -> Path:
-    """A frontal path that begins aside: the camera leans at first, and comes over the part in four fifths of the time.
+    """A frontal path that begins aside: the camera leans, rad, at first, and comes over the part in four fifths of the time.
 
-    Args:
-        shape: the part; the camera keeps so far away that it stays in view.
-        path: frontal.
-        camera: whose image the part stays in.
-        lean: rad, in the first frame.
-        seed: of the direction.
+    It keeps so far away that the part stays in view.
     """
     u = np.clip(np.arange(len(path)) / max(1.0, 0.8 * (len(path) - 1)), 0.0, 1.0)
     azimuth = np.random.default_rng((seed, 72)).uniform(0.0, 2.0 * math.pi)
@@ -304,11 +292,7 @@ def from_aside(shape: Shape, path: Path, camera: Pinhole, *, lean: float, seed: 
 def add_camera_retreat(path: Path, *, factor: float, shift: tuple[float, float], times: tuple[float, float]) -> Path:
     """The same path, but the camera draws back and aside, so that it sees more of the table.
 
-    Args:
-        path: as it was.
-        factor: of the distance at last.
-        shift: table units by which it looks aside at last.
-        times: frames at which it sets out and has arrived.
+    At last, by a factor of the distance and a shift in table units; it sets out and arrives at two frames.
     """
     ramp = np.clip((np.arange(len(path)) - times[0]) / max(1e-9, times[1] - times[0]), 0.0, 1.0)
     ramp = ramp * ramp * (3.0 - 2.0 * ramp)

@@ -88,11 +88,9 @@ class Renderer:
         return tuple(self.camera.distort(apply_homography(H, p)) for p in polygons)
 
     def render_background(self, H: Projection, slide: Floats | None = None) -> Floats32:
-        """(height, width) or (height, width, 3) grey levels of the table before light, cover and noise.
+        """(height, width) or (height, width, 3) grey levels of the table before light, cover and noise, H (3, 3) to ideal px.
 
-        Args:
-            H: (3, 3) table to ideal px.
-            slide: (2,) table units by which the table's texture has moved under the part.
+        `slide` (2,) is table units by which the table's texture has moved under the part.
         """
         moved = np.eye(3)
         if slide is not None:

@@ -284,12 +284,7 @@ LEAST_CONTRAST = 55.0
 
 @dataclass(frozen=True)
 class SceneAppearance:
-    """What lies there.
-
-    Attributes:
-        table, surface: textures.
-        table_level, surface_level: their mean grey levels.
-    """
+    """What lies there: textures of table and surface, and their mean grey levels."""
 
     table: TextureMap
     surface: TextureMap
@@ -298,12 +293,7 @@ class SceneAppearance:
 
 
 def sample_look(name: str, seed: int) -> SceneAppearance:
-    """A table and a surface of different lightness, either of them the darker one.
-
-    Args:
-        name: of the part: parts differ in their looks with the same seed.
-        seed: of the look.
-    """
+    """A table and a surface of different lightness, either of them the darker one; parts differ with the same seed."""
     rng = np.random.default_rng((seed, zlib.crc32(name.encode()), 61))
     contrast = rng.uniform(LEAST_CONTRAST, 125.0)
     low = rng.uniform(32.0, 195.0 - contrast)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +13,7 @@ import typer
 
 from grasptrack.cli import help_groups, options
 from grasptrack.cli.help_groups import option
-from grasptrack.cli.terminal import command_line, show_rows, with_progress
+from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ class SuiteOptions:
         """What decides the results, with what a suite asks beside."""
         from grasptrack_bench.suites import method_names
 
-        return {**own, "methods": method_names(options.parse_names(self.methods), peers=self.peers), "risk": self.risk}
+        return {**own, "methods": method_names(_parse_names(self.methods), peers=self.peers), "risk": self.risk}
 
 
 MOST_NAMED = 10
@@ -100,11 +102,11 @@ def scenes(
     if (photos is None) is not (masks is None):
         raise InputError("--photos and --masks go together: give both or neither")
     asked = suite.with_own(
-        shapes=options.parse_names(shapes),
+        shapes=_parse_names(shapes),
         silhouettes=silhouettes,
         photos=photos,
         masks=masks,
-        disturbances=options.parse_names(disturbances),
+        disturbances=_parse_names(disturbances),
         frames=frames,
         repeats=repeats,
         seed=seed,
@@ -198,6 +200,11 @@ def pot(
     _run_videos(output, sequences_of(folder.resolve(), every, told, suite.risk), asked, suite)
 
 
+def _parse_names(text: str | None) -> tuple[str, ...]:
+    """Names from "a,b"; none from None."""
+    return () if text is None else tuple(part.strip() for part in text.split(",") if part.strip())
+
+
 def _run_videos(output: Path, cases: Any, asked: dict[str, Any], suite: SuiteOptions) -> None:
     from grasptrack_bench.suites import video_suite
 
@@ -221,7 +228,7 @@ def _run_suite(output: Path, work: Any, asked: dict[str, Any], suite: SuiteOptio
             work.function,
             schedule,
             options=asked,
-            command=command_line(),
+            command=shlex.join(["grasptrack", *sys.argv[1:]]),
             last=output / PAGE,
             progress=tell,
         )

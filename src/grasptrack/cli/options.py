@@ -269,11 +269,6 @@ def parse_scaled(text: str, written: str, scale: float | None) -> Length:
     return length
 
 
-def parse_names(text: str | None) -> tuple[str, ...]:
-    """Names from "a,b"; none from None."""
-    return () if text is None else tuple(part.strip() for part in text.split(",") if part.strip())
-
-
 def one_of(option: str, text: str | None, choices: Sequence[str]) -> str | None:
     """A word from a few; None where none was given."""
     if text is not None and text not in choices:

@@ -7,7 +7,6 @@ import atexit
 import contextlib
 import math
 import os
-import shlex
 import signal
 import sys
 import threading
@@ -362,11 +361,6 @@ def with_progress(output: Path, quiet: bool, work: Callable[[Progress], T], *, a
                 return work(report_progress)
         except KeyboardInterrupt:
             raise RunInterruptedError(f'interrupted; what was computed is in "{output}"{again}') from None
-
-
-def command_line() -> str:
-    """The command line that was given, for a shell."""
-    return shlex.join(["grasptrack", *sys.argv[1:]])
 
 
 def format_number(value: float, decimals: int = 2) -> str:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import errno
 import io
@@ -75,15 +74,6 @@ def software_versions() -> dict[str, str]:
     import cv2
 
     return {**found, "opencv": cv2.__version__, "av": _package_version("av"), "platform": platform.platform()}
-
-
-def describe_machine() -> str:
-    """Processor, its cores and the operating system, in one line."""
-    name = platform.processor() or platform.machine()
-    with contextlib.suppress(OSError):
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        name = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), name)
-    return f"{name}, {os.cpu_count() or 1} cores, {platform.system()}"
 
 
 def _package_version(name: str) -> str:
