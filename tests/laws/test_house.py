@@ -11,13 +11,13 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 39_914,
+    "src/grasptrack": 39_889,
     "src/grasptrack/tracking": 7_625,
-    "src/grasptrack/servo": 4_808,
+    "src/grasptrack/servo": 4_799,
     "src/grasptrack/io": 5_454,
     "src/grasptrack/segmentation": 3_921,
     "src/grasptrack/cli": 3_120,
-    "src/grasptrack/live": 2_486,
+    "src/grasptrack/live": 2_473,
     "src/grasptrack/view": 2_026,
     "src/grasptrack/trackability": 1_954,
     "src/grasptrack/grasp": 1_860,

@@ -151,22 +151,9 @@ class Record:
 
 
 Command = (
-    Pick
-    | Box
-    | Contacts
-    | Outline
-    | Choose
-    | Start
-    | Pause
-    | Restart
-    | Rechoose
-    | Friction
-    | Fingers
-    | Wire
-    | Hover
-    | Fingertips
-    | Record
-)
+    Pick | Box | Contacts | Outline | Choose | Start | Pause | Restart | Rechoose | Friction | Fingers | Wire | Hover
+    | Fingertips | Record
+)  # fmt: skip
 COMMANDS: dict[str, type[Any]] = {kind.__name__.lower(): kind for kind in get_args(Command)}
 
 

@@ -85,7 +85,8 @@ def grasp_pose(known: Estimate, contacts: int, hand: Floats, time: float, dof: i
         time: s, of which it shall be true. The object goes on until then.
         dof: 4 or 6.
     """
-    e = _advanced_copy(known, time)
+    e = copy.copy(known)
+    e.advance(time)  # to the later of both times
     o, k = e.object, contacts
     places = o.predict_after(time - e.time).in_base()[:k]
     J = _contact_slopes(e, k)
@@ -123,13 +124,6 @@ def grasp_pose(known: Estimate, contacts: int, hand: Floats, time: float, dof: i
         six @ e.covariance @ six.T,
         J @ e.covariance @ np.swapaxes(J, 1, 2),
     )
-
-
-def _advanced_copy(known: Estimate, time: float) -> Estimate:
-    """A copy, at the later of both times."""
-    out = copy.copy(known)
-    out.advance(time)
-    return out
 
 
 def _contact_slopes(known: Estimate, contacts: int) -> Floats:

@@ -176,7 +176,9 @@ def compute_aim(
     slopes = features.jacobian_at(there)
     error, in_the_end = features.feature_error(contacts), last.feature_error(contacts)
     jacobian = slopes @ camera.interaction_matrices(at).reshape(2 * k, 6)
-    covariance = slopes @ _contact_covariance(seen, k) @ slopes.T
+    # of predicted contacts the least
+    noise = np.eye(2 * k) * MIN_NOISE_PX**2 if seen is None else block_diagonal(seen.noise[:k])
+    covariance = slopes @ noise @ slopes.T
     if dof == 6:
         by_normal = np.hstack([np.zeros((2, 3)), skew_matrix(normal)[:2]])
         jacobian = np.vstack([jacobian, by_normal])
@@ -206,8 +208,3 @@ def _standoff_share(points: Floats, right: Floats, normal: Floats | None, relati
     aside, turn = math.hypot(x, y) / len(points), abs(turn_between(right, points))
     tilt = 0.0 if normal is None else math.hypot(*normal[:2].tolist())
     return min(max(2.0 * max(aside / MAX_ASIDE, turn / MAX_MISALIGNED, tilt / MAX_MISALIGNED) - 1.0, 0.0), 1.0)
-
-
-def _contact_covariance(seen: Observation | None, contacts: int) -> Floats:
-    """The covariance (2k, 2k) px^2 of the contacts; of predicted ones the least."""
-    return np.eye(2 * contacts) * MIN_NOISE_PX**2 if seen is None else block_diagonal(seen.noise[:contacts])

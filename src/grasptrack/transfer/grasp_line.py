@@ -152,14 +152,11 @@ def _is_turned(description: GraspLineDescription, view: Outline, H: Floats) -> b
         try:
             ways = [choose_alignment(ways, description.view, view)]
         except AmbiguousError as error:
-            if _maps_to_itself(description):
+            d = description
+            if abs(d.d_c) < SELF_SYMMETRIC and abs(d.d_1 + d.d_2) < SELF_SYMMETRIC:  # the grasp maps to itself
                 return False
             raise AmbiguousError(
                 "the outline maps to itself by a half turn, so one pair of views cannot tell the grasp from its turned "
                 f"twin: {error}"
             ) from None
     return math.cos(ways[0].angle - turn) < 0.0
-
-
-def _maps_to_itself(description: GraspLineDescription) -> bool:
-    return abs(description.d_c) < SELF_SYMMETRIC and abs(description.d_1 + description.d_2) < SELF_SYMMETRIC
