@@ -34,6 +34,7 @@ _OPENING = (
     "Printed rows in per cent: over d_2 - d_1 of Tables III and IV, about 0.0020 and 0.0076, if the rows follow Table VI; "
     "Table V is missing."
 )
+_READ_WITH = (printed.SIZES_COMPARE, _UNIT, _OPENING, _LITERAL)
 
 
 def table_six(number: int, returns: Sequence[Return]) -> Table:
@@ -59,10 +60,7 @@ def table_six(number: int, returns: Sequence[Return]) -> Table:
         _HEAD,
         tuple(rows),
         (
-            printed.SIZES_COMPARE,
-            _UNIT,
-            _OPENING,
-            _LITERAL,
+            *_READ_WITH,
             "A transfer that comes back to where it began need not have been right: Table VII says how far it was off.",
             "A contact that can only be a point of the contours comes back to where it began if it comes within half a "
             "step of it: such zeros are bought by the quantisation, on pixel chains by that of the contours and to the "
@@ -101,10 +99,7 @@ def table_seven(number: int, courses: Sequence[Course], frame: int) -> Table:
         _HEAD,
         tuple(rows),
         (
-            printed.SIZES_COMPARE,
-            _UNIT,
-            _OPENING,
-            _LITERAL,
+            *_READ_WITH,
             f"{one.kind}: {KINDS[one.kind]}.",
             f"R_f E at frame {frame}, from the first view; SE over frames 1 to {total}, the first view being frame 0.",
             *(f"{_ROWS[way]}: {meaning}." for way, meaning in WAYS.items()),

@@ -20,6 +20,7 @@ from grasptrack_bench.metrics.mask_agreement import (
 )
 from grasptrack_bench.simulation.coverage import pixel_coverage
 from research.studies.segmentation import METHODS, largest_outline
+from synthesis_shapes import circle
 
 SHAPE = (120, 160)
 Y, X = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]
@@ -29,11 +30,6 @@ seeds = st.integers(0, 2**32 - 1)
 
 def disc(x: float, y: float, radius: float) -> np.ndarray:
     return (X - x) ** 2 + (Y - y) ** 2 <= radius * radius
-
-
-def circle(x: float, y: float, radius: float) -> np.ndarray:
-    angle = np.arange(720) * (2.0 * math.pi / 720)
-    return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
 
 
 def star(random: np.random.Generator) -> np.ndarray:
@@ -59,7 +55,7 @@ def test_a_mask_holds_the_pixels_whose_centres_lie_inside(seed: int) -> None:
 
 
 def test_a_mask_has_no_bias_of_the_edge_and_leaves_holes_out() -> None:
-    ring = View([Contour(circle(80.3, 60.2, 40.0)), Contour(circle(85.1, 57.7, 15.0), hole=True)])
+    ring = View([Contour(circle(80.3, 60.2, 40.0, 720)), Contour(circle(85.1, 57.7, 15.0, 720), hole=True)])
     mask = mask_of(ring, SHAPE)
     assert mask.sum() == pytest.approx(math.pi * (40.0**2 - 15.0**2), rel=0.005)  # a pixel's half more: 4 %
     assert intersection_over_union(mask, disc(80.3, 60.2, 40.0) & ~disc(85.1, 57.7, 15.0)) > 0.998
@@ -125,7 +121,7 @@ def test_the_band_of_a_disc_is_that_of_its_radii() -> None:
 @pytest.mark.parametrize(("ground", "object_"), [(190, 40), (40, 190)])
 @pytest.mark.parametrize("name", ["Otsu", "adaptive", "GrabCut"])
 def test_baselines_find_a_disc(name: str, ground: int, object_: int, hint: tuple[float, float] | None) -> None:
-    share = pixel_coverage([circle(80.0, 60.0, 30.0)], SHAPE[1], SHAPE[0], 0.8)[:, :, None]
+    share = pixel_coverage([circle(80.0, 60.0, 30.0, 720)], SHAPE[1], SHAPE[0], 0.8)[:, :, None]
     noise = np.random.default_rng(3).normal(0.0, 2.0, (*SHAPE, 3))
     image = np.clip(ground + (object_ - ground) * share + noise, 0, 255).astype(np.uint8)
     mask = METHODS[name](image, hint)

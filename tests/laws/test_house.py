@@ -22,9 +22,9 @@ BUDGETS = {
     "src/grasptrack/trackability": 1_954,
     "src/grasptrack/grasp": 1_860,
     "bench": 15_022,
-    "research": 10_654,
+    "research": 10_649,
     "native": 7_356,
-    "tests": 42_253,
+    "tests": 42_241,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 204

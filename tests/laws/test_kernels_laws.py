@@ -13,17 +13,13 @@ from closure import programme
 from grasptrack import kernels
 from outlines import blobs, similarities, stars
 from reference.geometry import crossings, nearest_crossings
+from synthesis_shapes import circle
 
 RECTANGLE = np.array([[0.0, 0], [4, 0], [4, 2], [0, 2]])
 
 
 def whole(points):
     return np.array([0, len(points)])
-
-
-def circle(n, radius, centre=(100.0, 80.0)):
-    t = 2 * np.pi * np.arange(n) / n
-    return np.column_stack([np.cos(t), np.sin(t)]) * radius + centre
 
 
 def mapped(H, points):
@@ -40,7 +36,7 @@ def test_known_shapes():
     plate = np.concatenate([RECTANGLE * 2, hole])
     area, cx, *_ = kernels.polygon_moments(plate, np.array([0, 4, 8]))
     assert area == pytest.approx(32 - 2) and cx == pytest.approx((32 * 4 - 2 * 2) / 30)
-    ring = circle(300, 50.0)
+    ring = circle(100.0, 80.0, 50.0, 300)
     np.testing.assert_allclose(kernels.curvature_vector(ring, None, 0.025).curvature, 2 * math.pi, rtol=0.01)
     np.testing.assert_allclose(kernels.arc_length(RECTANGLE), [0, 4, 6, 10, 12])
     np.testing.assert_allclose(kernels.blend_normals(ring), (ring - [100, 80]) / 50, atol=1e-9)

@@ -20,6 +20,7 @@ from grasptrack.equality import are_equal
 from grasptrack.presentation import format_confidence
 from grasptrack_bench.simulation import SHAPES
 from stages import photo, pose
+from synthesis_shapes import circle
 
 BRACKET = SHAPES["bracket"]()
 IMAGES = [photo([(BRACKET, pose(150.0 + 4 * k, 115.0 + 2 * k, 4.0 * k))], seed=k) for k in range(8)]
@@ -110,16 +111,11 @@ def test_what_differs_is_not_equal() -> None:
     assert gt.Grasp(GRASP) != gt.Grasp(GRASP + 0.001)
     assert gt.Grasp(GRASP, 0.5) != gt.Grasp(GRASP, 0.6)
     assert gt.GraspList([], "a") != gt.GraspList([], "b")
-    one, other = gt.Contour(circle(8)), gt.Contour(circle(8) * 2)
-    assert not are_equal(one, other) and one != other and one == gt.Contour(circle(8))
+    one, other = gt.Contour(circle(0, 0, 20, 8)), gt.Contour(circle(0, 0, 40, 8))
+    assert not are_equal(one, other) and one != other and one == gt.Contour(circle(0, 0, 20, 8))
     assert one.transformed(np.eye(3)) == one and hash(one.transformed(np.eye(3))) == hash(one)
     assert gt.View(one) == gt.View([one]) and gt.View(one) != gt.View(other)
     assert gt.View(one) != gt.View(one, np.zeros((4, 4), np.uint8))
-
-
-def circle(n: int) -> np.ndarray:
-    angles = np.arange(n) * 2 * np.pi / n
-    return 20.0 * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 NESTED = st.recursive(
