@@ -15,11 +15,9 @@ MAD_TO_SD = 1.4826
 
 
 def robust_sd(deviations: Floats | Floats32, median: Callable[[Any], float | np.floating] = np.median) -> float:
-    """Standard deviation by the median of the absolute deviations, which outliers hardly touch.
+    """Standard deviation by the median of the absolute deviations (n,), n > 0, from the middle, which outliers hardly touch.
 
-    Args:
-        deviations: (n,) from the middle, n > 0.
-        median: of an array; `np.median`, or one that takes the lower or upper of two middle values, or leaves out NaN.
+    `median` is `np.median`, or one that takes the lower or upper of two middle values, or leaves out NaN.
     """
     return MAD_TO_SD * float(median(np.abs(deviations)))
 

@@ -11,15 +11,15 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 39_889,
+    "src/grasptrack": 39_805,
     "src/grasptrack/tracking": 7_625,
-    "src/grasptrack/servo": 4_799,
-    "src/grasptrack/io": 5_454,
-    "src/grasptrack/segmentation": 3_921,
-    "src/grasptrack/cli": 3_120,
+    "src/grasptrack/servo": 4_773,
+    "src/grasptrack/io": 5_449,
+    "src/grasptrack/segmentation": 3_911,
+    "src/grasptrack/cli": 3_107,
     "src/grasptrack/live": 2_473,
-    "src/grasptrack/view": 2_026,
-    "src/grasptrack/trackability": 1_954,
+    "src/grasptrack/view": 2_023,
+    "src/grasptrack/trackability": 1_946,
     "src/grasptrack/grasp": 1_860,
     "bench": 15_022,
     "research": 10_649,

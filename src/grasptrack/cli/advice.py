@@ -49,13 +49,8 @@ def note_candidates(
 ) -> list[str]:
     """The lines for a choice that is not sure, having written the picture; nothing where it is, or where a person has chosen.
 
-    Args:
-        candidates: those that a person would tell apart, the likeliest first.
-        image: in which they lie; None where there was none.
-        output: folder of the picture; one of an earlier run is removed.
-        sure: probability from which a choice is sure.
-        meant: a person has chosen.
-        segmenter: that was asked for; where it is none, the small net is offered.
+    Candidates are those that a person would tell apart, the likeliest first; the image is None where there was none. A picture
+    of an earlier run is removed from the folder. Where no segmenter was asked for, the small net is offered.
     """
     picture = output / PICTURE
     picture.unlink(missing_ok=True)

@@ -294,12 +294,8 @@ def show_rows(
 ) -> None:
     """A table of short cells, and lines of text below it. Where the output is no terminal it is as wide as it needs.
 
-    Args:
-        title: above it.
-        heads: name and alignment, "left" or "right", of each column.
-        rows: cells, which are printed as they are and not wrapped.
-        notes: the lines.
-        optional: so many of the last columns are left out where a terminal has no room for all.
+    Heads have a name and "left" or "right"; cells are printed as they are and not wrapped. So many of the last columns are
+    `optional`: left out where a terminal has no room for all.
     """
     from rich.markup import escape
 
@@ -340,13 +336,9 @@ T = TypeVar("T")
 
 
 def with_progress(output: Path, quiet: bool, work: Callable[[Progress], T], *, again: str = "") -> T:
-    """What `work` returns. Ctrl-C ends it with exit status 130, with the files whole.
+    """What `work` returns, called with what tells of progress. Ctrl-C ends it with exit status 130, with the files whole.
 
-    Args:
-        output: where the results are; no other run writes to it meanwhile.
-        quiet: show no bar.
-        work: called with what tells of progress.
-        again: what the same command would do, for the message.
+    No other run writes to the folder meanwhile; `again` is what the same command would do, for the message.
     """
     from grasptrack.files import hold_folder
 

@@ -105,14 +105,9 @@ def ros_format(encoding: str) -> PixelFormat:
 def raw_image(
     data: NDArray[np.uint8], width: int, height: int, form: PixelFormat, step: int = 0, *, big_endian: bool = False
 ) -> NDArray[Any]:
-    """Raw bytes as an array (H, W) or (H, W, channels) of 8, 16 or 32 bits, nothing changed yet.
+    """Raw bytes (n,) as an array (H, W) or (H, W, channels) of 8, 16 or 32 bits, nothing changed yet.
 
-    Args:
-        data: (n,) bytes.
-        width, height: px; of NV12 and NV21 both are even.
-        form: how they are to be read.
-        step: bytes from a row to the next; 0 where nothing lies between them.
-        big_endian: the higher byte of 16 comes first.
+    `step` is bytes from a row to the next, 0 where nothing lies between them; sides of NV12 and NV21 are even.
     """
     if form.packed:
         return _unpack_values(data, width, height, form)

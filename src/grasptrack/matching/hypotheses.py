@@ -71,14 +71,8 @@ def match_outlines(
 def lay_partly(first: Outline | Sampled, second: Outline | Sampled, most: int = 3) -> list[Floats]:
     """Homographies (3, 3) that lay most of one outline on a part of another, as on that of parts that touch, or are covered.
 
-    What else the second one has is not looked at, so that nothing but its image says whether one of them is right.
-
-    Args:
-        first, second: as for `match_outlines`.
-        most: homographies given at most.
-
-    Returns:
-        Distinct ones, those that leave least first.
+    What else the second one has is not looked at, so that nothing but its image says whether one of them is right. They are
+    distinct, `most` at most, those that leave least first.
     """
     a, b = as_sampled(first), as_sampled(second)
     rows = _refine_coarse(np.concatenate([align_pieces(a, b), align_parts(a, b)]), a, b)
@@ -92,14 +86,9 @@ def lay_partly(first: Outline | Sampled, second: Outline | Sampled, most: int = 
 
 
 def refine_homographies(starts: Floats, first: Outline | Sampled, second: Outline | Sampled) -> list[Match]:
-    """The homographies that given ones (k, 3, 3) lead to when they are made to fit, the best first.
+    """The homographies that given ones (k, 3, 3), near to what is meant, lead to when they are made to fit, the best first.
 
-    Args:
-        starts: first -> second, near to what is meant.
-        first, second: as for `match_outlines`.
-
-    Returns:
-        Distinct hypotheses, as `match_outlines` gives them; the slack is not measured.
+    Distinct hypotheses, as `match_outlines` gives them; the slack is not measured.
     """
     a, b = as_sampled(first), as_sampled(second)
     return [_to_image_coordinates(m, a, b) for m in _refine_starts(_between_centres(starts, a, b), a, b)]

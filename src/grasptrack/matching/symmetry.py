@@ -53,10 +53,8 @@ class Symmetries(NamedTuple):
 def find_symmetries(outline: Outline | Sampled) -> Symmetries:
     """The turns that map an outline, holes included, to itself within 1 % of sqrt(area), and those that nearly do.
 
-    Mirror images are not looked for: no camera turns an object over.
-
-    Args:
-        outline: as seen from the front; a tilted view shows other turns, or none.
+    As seen from the front: a tilted view shows other turns, or none. Mirror images are not looked for: no camera turns an
+    object over.
     """
     a = as_sampled(outline)
     if all(_rotation_residual(a, (k + 1) * GOLDEN) <= TOLERANCE * a.size for k in range(PROBES)):

@@ -35,9 +35,7 @@ STILL = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 def register_affine(image: NDArray[np.floating], other: NDArray[np.floating], kept: Pixels | None = None) -> Floats:
     """(2, 3) px of an image to px of another one of the same bench; no motion where none explains more than that.
 
-    Args:
-        image, other: (H, W) grey levels; the light may differ.
-        kept: (H, W) nonzero where the image may be compared: not on the object, if it is known.
+    Grey levels (H, W), whose light may differ; (H, W) nonzero where the image may be compared: not on the object, if known.
     """
     one, two = np.asarray(image, dtype=np.float32), np.asarray(other, dtype=np.float32)
     motion = STILL.copy()

@@ -49,12 +49,8 @@ def ask_more_frames(
 ) -> list[Candidate]:
     """The candidates with what other images tell of them, the likeliest first; images are asked until one is sure.
 
-    Args:
-        found: in the first image, the likeliest first.
-        image: the first, (H, W) or BGR (H, W, 3).
-        more: images that follow, of the same size; MAX_FRAMES are asked at most.
-        look: finds candidates in an image, or raises an ObservationError.
-        sure: probability from which no more is asked.
+    Images that follow the first, (H, W) or BGR (H, W, 3), are of its size; MAX_FRAMES are asked at most. `look` finds
+    candidates in one, or raises an ObservationError; `sure` is the probability from which no more is asked.
     """
     bench = PLAIN.to_grey(image).astype(np.float32)
     still, lamps = np.zeros(len(found)), np.zeros(len(found))  # logarithms of what was seen, by either
@@ -77,12 +73,8 @@ def ask_more_frames(
 def place_likelihoods(found: Sequence[Candidate], seen: Sequence[Candidate], motion: Floats) -> tuple[Floats, Floats]:
     """(n,) logarithms of how likely each candidate is seen where it is, if it lies on the bench, and if it comes from lamps.
 
-    Both are 0 where nothing alike is seen. Lamps may move a reflection by anything between the bench's motion and none.
-
-    Args:
-        found: candidates of the first image.
-        seen: those of another.
-        motion: (2, 3) px of the first to px of the other.
+    Both are 0 where nothing alike is seen in the other image, to whose px `motion` (2, 3) takes those of the first. Lamps may
+    move a reflection by anything between the bench's motion and none.
     """
     places = np.array([c.view.outer.points.mean(axis=0) for c in found])
     taken = places @ motion[:, :2].T + motion[:, 2]

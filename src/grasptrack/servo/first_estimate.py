@@ -343,12 +343,7 @@ class TiltEstimate(NamedTuple):
 
 
 class TiltCheck:
-    """Looks now and then until the tilt is known.
-
-    Args:
-        forgiven: m by which a fingertip may be off along the approach direction.
-        frame: middle and size of the images.
-    """
+    """Looks now and then until the tilt is known, of which m along the approach direction are forgiven a fingertip."""
 
     def __init__(self, forgiven: float, frame: ImageFrame) -> None:
         self._forgiven, self._frame = forgiven, frame

@@ -139,14 +139,7 @@ def compute_aim(
     """The next step toward the goal; None where the goal would not be in front of the camera.
 
     What was seen counts as it will be now: as predicted for now, plus what the image showed beside the prediction for its
-    own time.
-
-    Args:
-        known: camera and object.
-        how: the goal, and the way to it.
-        seen: the latest sighting; None while the object is out of sight.
-        hand: (4, 4), its pose now.
-        time: s, now.
+    own time; `seen` is None while the object is out of sight. The hand (4, 4) is where it is now, at a time in s.
     """
     k, camera, dof, standoff = len(how.order), known.camera, how.dof, how.standoff
     points = known.in_hand(hand, time)[:k]

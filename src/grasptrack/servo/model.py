@@ -97,16 +97,9 @@ def state_difference(first: Floats, second: Floats) -> Floats:
 
 
 def expected_sightings(state: Floats, hands: Floats, later: Floats) -> tuple[Floats, Floats]:
-    """What is seen from many poses of the hand, and how it changes with all unknowns.
+    """What is seen from poses (N, 4, 4) of the hand, (N,) s after the time of the state, and how it changes with all unknowns.
 
-    Args:
-        state: (39 + 2n,).
-        hands: (N, 4, 4) poses in the base.
-        later: (N,) s, of each pose after the time of the state.
-
-    Returns:
-        Pixels (N n, 2), NaN behind the camera, and derivatives (2 N n, 16 + 2n); of points behind the camera these say
-        nothing.
+    Pixels (N n, 2), NaN behind the camera, and derivatives (2 N n, 16 + 2n); of points behind the camera these say nothing.
     """
     n, N = (len(state) - POINTS) // 2, len(hands)
     focal, points, axes = float(state[0]), state[POINTS:].reshape(n, 2), state[AXES].reshape(3, 3)

@@ -41,16 +41,9 @@ ABSORBED_FACTOR = 80.0
 
 
 def lasting_covariance(origin: Origin, before: Floats, seen: Sequence[Observation], found: Search) -> Floats:
-    """The covariance of what a search found, where errors of images last.
+    """The covariance (16 + 2n, 16 + 2n), at the origin's time, of what a search found, where errors of images last.
 
-    Args:
-        origin: the prior as the search took it.
-        before: (16 + 2n, 16 + 2n), the covariance that the prior has in truth.
-        seen: all sightings that were searched.
-        found: where the search has come to.
-
-    Returns:
-        (16 + 2n, 16 + 2n), at the origin's time.
+    `before` is the one that the prior has in truth; `seen` are all sightings that were searched.
     """
     stack, known, N = stack_observations(seen, origin.time), origin.information_matrix, len(seen)
     whitened, later = WhitenedSightings(stack), stack.times

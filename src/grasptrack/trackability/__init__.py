@@ -159,16 +159,11 @@ def inspect(
 
 
 def inspect_scene(scene: FirstScene, runs: int = RUNS, check: Callable[[], None] = lambda: None) -> Suitability:
-    """The same of what a tracker has chosen in its first image, without another search.
+    """The same of what a tracker has chosen in its first image (`GraspTracker.first_scene`), without another search.
 
     Of `strategies` it tells of `auto` alone: the verdict does not rest on the others, and to try them costs as much as all
-    else.
-    Lengths are in px of the image without the lens's distortion.
-
-    Args:
-        scene: `GraspTracker.first_scene`.
-        runs: that are drawn.
-        check: called before each; what it raises ends the work.
+    else. Lengths are in px of the image without the lens's distortion. `check` is called before each of the runs that are
+    drawn; what it raises ends the work.
     """
     return _assess_view(first_view_of(scene), _Inspection(scene.wish, scene.before, runs, (AUTO,), check))
 

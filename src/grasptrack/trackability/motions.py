@@ -93,13 +93,10 @@ class Motions(NamedTuple):
 
 
 def motions_of(points: Floats, normals: Floats, frame: Basis, sway: float = 0.0) -> Motions:
-    """What edges at points (m, 2) px with normals (m, 2) show of a motion.
+    """What edges at points (m, 2) px with normals (m, 2), those that a registration uses, show of a motion.
 
-    Args:
-        points, normals: of the edges that a registration uses.
-        frame: of the outline.
-        sway: rad, standard deviation of the normals' directions; what this makes of a motion along the outline is no sign
-            of it.
+    `sway`, rad, is the standard deviation of the normals' directions; what this makes of a motion along the outline is no sign
+    of it.
     """
     fields = displacement_fields(frame.place_points(points))
     across = normals @ frame.axes.T

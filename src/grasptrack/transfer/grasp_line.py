@@ -141,11 +141,7 @@ def _predicted_axis(description: GraspLineDescription, prior: Floats) -> tuple[f
 
 
 def _is_turned(description: GraspLineDescription, view: Outline, H: Floats) -> bool:
-    """Whether I_min points the other way than a similarity (3, 3) has it, by how the outlines lie on each other.
-
-    Raises:
-        AmbiguousError: they lie alike both ways, and the grasp does not map to itself.
-    """
+    """Whether I_min points the other way than a similarity (3, 3) has it, by how the outlines lie on each other."""
     turn = math.atan2(H.item(1, 0), H.item(0, 0))
     ways = find_alignments(description.view.contours[0], view.contours[0])
     if len(ways) != 1 and len({math.cos(way.angle - turn) < 0.0 for way in ways}) != 1:

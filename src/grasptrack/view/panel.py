@@ -84,11 +84,8 @@ def _expand_to_aspect(size: Floats, aspect: float) -> Floats:
 def quiet_corner(frame: Window, share: float, seen: Floats, rather: Sequence[Floats]) -> int | None:
     """Which corner of a window has room for an inset: 0 to 3 as read, None where each hides what must be seen.
 
-    Args:
-        frame: the window.
-        share: of its width and height that the inset takes.
-        seen: (n, 2) px, points that must be seen.
-        rather: arrays (n, 2) px of which as few points as can be are hidden.
+    It takes a share of width and height. Points (n, 2) px must be seen; of the arrays `rather`, (n, 2) px, as few points as can
+    be are hidden.
     """
     hidden = _in_corners(frame, share, seen)
     others = np.sum([_in_corners(frame, share, points) for points in rather], axis=0) if rather else np.zeros(4)

@@ -179,7 +179,7 @@ def why_none(
 
 
 def format_length(value: float, sign: float, px_per_mm: float | None) -> str:
-    """`sign` times a value in px in words, in mm too where the scale is known.
+    """A length of px, `sign` times the value, in words, in mm too where the scale is known.
 
     It is rounded up for a sign of 1, down for -1: to the side that leaves the sentence true.
     """
