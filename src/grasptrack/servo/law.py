@@ -99,7 +99,7 @@ NORMAL_SD = 0.01
 
 @dataclass(frozen=True)
 class Approach:
-    """The way to the goal."""
+    """The way to the goal: which finger each contact is for, in 4 or 6 freedoms, first to a standoff, m before it."""
 
     goal: Goal
     order: tuple[int, ...]
