@@ -17,7 +17,7 @@ struct Repeats {
     double change = 0;  // grey levels^2, by which the motion would have changed patches, each on average: what they tell of it
     double way = 0;     // the same of those that are as they were, times the squares of how far they ought to have moved, work px^2
     double still = 0;   // the same of those that rest explains far better than motion does: marks on the lens or in the image
-    double kept = 0;    // grey levels^2, of both kinds: what does not show the object anew
+    double kept = 0;    // grey levels^2, of those that are as they were
 };
 
 // Which patches of the finest levels an image shows where the last one has them, to the grey level or nearly, though the pose moved on.
@@ -47,12 +47,12 @@ inline Repeats count_repeats(const Target &target, const Pyramid &before, const 
             const double at_rest = mean_square(value, same);
             const bool repeated = at_rest < rounding, stands = change > plain * by_chance && unlike * at_rest < mean_square(value, moved);
             if (!repeated && !stands) continue;
-            out.kept += change;
             const Point to = carried(G, patch.x, patch.y), from = carried(last, patch.x, patch.y);
             const auto d = derivatives(G, patch.x, patch.y);
             const double way =
                 change * ((to.x - from.x) * (to.x - from.x) + (to.y - from.y) * (to.y - from.y)) / std::abs(d[0] * d[3] - d[1] * d[2]);
             out.way += repeated ? way : 0.0;
+            out.kept += repeated ? change : 0.0;
             out.still += stands ? way : 0.0;
         }
     }

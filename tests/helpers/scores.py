@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from grasptrack_bench.metrics.score import FrameScore
-from grasptrack_bench.scenes import built_in, make_scene_cases, run_case
+from grasptrack_bench.scenes import built_in, make_scene_cases, parts_from_silhouettes, run_case
 
 
 def frame(
@@ -64,8 +64,12 @@ def random_run(rng: np.random.Generator, frames: int = 60) -> list[FrameScore]:
 
 
 def never_wrong(shape: str, disturbance: str, repeat: int = 0, **scenes: int) -> list[FrameScore]:
-    """What `auto` makes of a rendered scene, one of its repeats, in which no contacts are wrong."""
-    case = make_scene_cases(built_in([shape]), [disturbance], repeats=repeat + 1, **scenes)[repeat]
+    """What `auto` makes of a rendered scene, one of its repeats, in which no contacts are wrong.
+
+    A shape is built in, or a file of a silhouette.
+    """
+    parts = parts_from_silhouettes(shape) if Path(shape).is_file() else built_in([shape])
+    case = make_scene_cases(parts, [disturbance], repeats=repeat + 1, **scenes)[repeat]
     frames = run_case((case, ("auto",)))["auto"]
     assert [f.frame for f in frames if f.is_false_accept] == []
     return frames

@@ -130,9 +130,8 @@ def test_what_an_encoder_left_as_it_was_and_what_stands_still_in_the_image(
     assert change == kept > 0 and way == pytest.approx(change * (right**2 + down**2))
     assert 0.9 * way < still <= way  # but for what is as plain as noise
     rest, motion = (made.repeats(before, A, pyramid(draw(H, seed, noise=2.5)), G) for H in (A, G))
-    assert motion.way == motion.still == motion.kept == 0.0
-    assert rest.way < rest.still and 0.8 * rest.change < rest.kept <= rest.change
-    assert rest.still == pytest.approx(still, rel=0.2)  # by nearly all patches
+    assert motion.way == motion.still == motion.kept == 0.0 and rest.kept < 0.5 * rest.change
+    assert rest.way < rest.still == pytest.approx(still, rel=0.2)  # by nearly all patches
     assert made.repeats(before, A, before, A) == (0.0, 0.0, 0.0, 0.0)
     with pytest.raises(ValueError, match="size"):
         made.repeats(before[1:], A, before, G)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from datasets import DATA
 from grasptrack import GraspTracker
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
@@ -105,6 +106,15 @@ def test_what_is_fixed_in_the_image_is_not_the_object(shape: str, repeat: int, s
     # surface, and ground, said: at rest
     found = never_wrong(shape, "overlay", repeat, frames=24, seed=seed)
     assert sum(f.answered for f in found) > most
+
+
+@pytest.mark.parametrize("name", ["flatfish-10", "beetle-8"])
+def test_a_surface_does_not_outvote_an_outline_that_is_another_one_all_round(name: str) -> None:
+    """In the object's place its mirror image lies, with its own print."""
+    silhouette = DATA / "silhouettes" / f"{name}.png"
+    if not silhouette.is_file():
+        pytest.skip(f"{silhouette.name} is not there")
+    assert sum(f.answered for f in never_wrong(str(silhouette), "mirror", frames=24, seed=1128)) > 12
 
 
 def test_noise_of_a_compressed_image_is_no_surface_that_can_be_another() -> None:

@@ -35,7 +35,10 @@ LEAST_CLEAR = 0.01
 MOST_HIDDEN = 0.999
 """Share that counts as occluded, or elsewhere, at most, where the logarithm of the rest is taken."""
 SUDDEN = math.log(100.0)
-"""Odds against light that hides edges from one image to the next."""
+"""Odds against light that hides edges from one image to the next, at least, ..."""
+EDGE_LOSS = 0.4
+"""... and their logarithm as a share of how much more surprising an outline is of which nothing is occluded: of 3,310 answers
+in eight real films 1.4 % were more surprising by 5 or more, 0.1 % by 10, none by 20."""
 EXCHANGED = 0.1
 """Prior probability that something else lies in its place, after an image that showed it with more than that."""
 LEAST_AGREEING = 0.05
@@ -51,8 +54,8 @@ def surface_evidence(
 ) -> SurfaceEvidence:
     """What the patches' correlations say for this surface against another one, given those that are usual.
 
-    A share of each level is missing, and of the rest what an encoder left as it was; `by_share` has the same by the share, where
-    all levels have the same.
+    A share of each level is missing, and of the rest what an encoder left as it was; `by_share` has the same by the share,
+    where all levels have the same.
     """
     numbers, missing = state.numbers, 1.0 - (1.0 - SHARES_MISSING) * (1.0 - state.kept.value)
     spreads = numbers.match_spread, numbers.chance_spread, numbers.patch_share
@@ -92,12 +95,12 @@ def pose_evidence(state: TrackState, estimate: PoseEstimate) -> float:
     return state.numbers.temper * surface + outline_evidence(estimate, state.numbers)
 
 
-def outline_surprisal(estimate: PoseEstimate, numbers: Numbers) -> float:
-    """Minus the log of the probability of an outline of which so much lies elsewhere or is occluded."""
+def outline_surprisal(estimate: PoseEstimate, numbers: Numbers, *, hidden: bool = True) -> float:
+    """Minus the log of the probability of an outline of which so much lies elsewhere or, if that counts, is occluded."""
     if not len(estimate.other):
         return 0.0
     elsewhere = power_surprisal(estimate.elsewhere, numbers.elsewhere_power)
-    return elsewhere + power_surprisal(estimate.covered, numbers.cover_power)
+    return elsewhere + power_surprisal(estimate.covered if hidden else estimate.elsewhere, numbers.cover_power)
 
 
 def power_surprisal(share: float, power: float) -> float:
@@ -224,8 +227,10 @@ def other_surface_odds(surface: float, numbers: Numbers) -> float:
 
 def _edge_loss_log_odds(state: TrackState, estimate: PoseEstimate) -> float:
     """Log of the odds against edges that hide from one image to the next: less where they are blurred all at once."""
+    bare = outline_surprisal(estimate, state.numbers, hidden=False)
+    against = max(SUDDEN, EDGE_LOSS * (bare - state.strange))
     more = max(0.0, estimate.blur - state.blur) if math.isfinite(estimate.blur) else 0.0
-    return SUDDEN / (1.0 + (0.5 * more / state.edge_width) ** 2) if more else SUDDEN
+    return against / (1.0 + (0.5 * more / state.edge_width) ** 2) if more else against
 
 
 def _log_marginal(by_share: Floats, log_prior: Floats) -> float:
