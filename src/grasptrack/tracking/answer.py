@@ -3,14 +3,20 @@
 
 from __future__ import annotations
 
+import math
 import time as clock
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from grasptrack import kernels
+from grasptrack.errors import ConditioningError, GraspError
+from grasptrack.geometry.contours import View
 from grasptrack.grasp.closure_probability import CHANCE, ClosureCheck, Judgement
-from grasptrack.tracking.follower import Follower
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.force_closure import FINGER_WIDTH
+from grasptrack.tracking.follower import Follower, Moved
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.plane import UNKNOWN, Distance, Ruler
 from grasptrack.tracking.pose import PoseEstimate
@@ -124,6 +130,64 @@ def located_result(moment: Moment, track: Track, judged: Judgement, H: Floats, C
         last_seen=moment.frame - state.sightings.images,
         **found,
     )
+
+
+def first_result(moment: Moment, track: Track, grasp: Grasp, view: View) -> TrackResult:
+    """The result of the view in which a grasp is begun to be followed."""
+    follower = track.follower
+    return located_result(
+        moment,
+        track,
+        track.closure.judge_first(follower.state.plane.rectifications),
+        np.eye(3),
+        np.zeros((9, 9)),
+        contacts=grasp.contacts,
+        seen=np.ones(len(grasp)),
+        edge=1.0,
+        surface=float(sum(follower.target.counts) > 0),
+        confidence=1.0,
+        view=view,
+    )
+
+
+def judge_moved(moment: Moment, track: Track, moved: Moved, friction: float) -> tuple[TrackResult, Judgement | None]:
+    """The result of a later image, and whether the grasp closes there; None where it is not located."""
+    estimate, contacts, view = moved.decision.estimate, moved.contacts, moved.view
+    if estimate is None or contacts is None or moved.homography is None or view is None or moved.covariance is None:
+        sure = moved.decision.confidence
+        return make_result(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure), None
+    target, plane = track.follower.target, track.follower.state.plane
+    H, homography_covariance = target.homography_and_covariance(estimate.G, moved.covariance)
+    covariance = target.handle.placed(estimate.G, moved.covariance)[1]
+    try:
+        judged = track.closure.judge(contacts, friction, moved.homography, H, covariance, plane.rectifications)
+    except (GraspError, ConditioningError) as error:
+        reason = StatusReason("off-outline", detail=str(error))
+        return make_result(moment, "lost", reason, grasp_id=track.number), None
+    if contacts is not estimate.contacts:
+        covariance = covariance + offset_covariance(contacts, estimate)
+    found = located_result(
+        moment,
+        track,
+        judged,
+        H,
+        homography_covariance,
+        contacts=contacts,
+        seen=target.contact_visibility(estimate.visible),
+        edge=float(np.mean(estimate.visible)) if len(estimate.visible) else 0.0,
+        surface=estimate.texture_agreeing,
+        confidence=moved.decision.confidence,
+        homography_covariance=homography_covariance,
+        covariance=covariance,
+        view=view,
+    )
+    return found, judged
+
+
+def make_closure_check(grasp: Grasp, view: View, friction: float) -> ClosureCheck:
+    """Judges a grasp on an outline."""
+    width = FINGER_WIDTH * math.sqrt(kernels.polygon_moments(view.points, view.offsets).area)
+    return ClosureCheck(grasp, view, friction, width)
 
 
 def make_result(moment: Moment, status: Status, reason: StatusReason | None, **found: Any) -> TrackResult:

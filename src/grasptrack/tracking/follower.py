@@ -84,6 +84,22 @@ Proposals = Iterable[Sequence[StrategyProposal]]
 """In the order in which they are to be tried, those that are rivals together."""
 
 
+class Sight(NamedTuple):
+    """What an image shows of a target, before anything is learned from it.
+
+    Attributes:
+        levels: the image's pyramid.
+        predictions: where continuity has the object.
+        solutions: all that was tried.
+        decision: the best of it.
+    """
+
+    levels: list[Grey]
+    predictions: Predictions
+    solutions: Solutions
+    decision: Decision
+
+
 class Follower:
     """One target, from its first image on.
 
@@ -128,10 +144,22 @@ class Follower:
 
     def update(self, grey: Grey, time: float | None = None) -> Decision:
         """The best pose in the next image (H, W), taken at a time in s, and whether it is believed."""
-        levels, predictions, expected = self._predict_next(grey, time)
+        return self.conclude(self.look_at(build_pyramid(grey), time))
+
+    def look_at(
+        self, levels: list[Grey], time: float | None = None, is_taken: Callable[[PoseEstimate], bool] | None = None
+    ) -> Sight:
+        """What the next image shows; `conclude` has to follow.
+
+        Args:
+            levels: the image's pyramid.
+            time: s, at which it was taken.
+            is_taken: whether another object surely lies where an estimate has this one.
+        """
+        predictions, expected = self._predict_next(levels, time)
         state, target, risk = self.state, self.target, self.state.numbers.risk
         first = self.redetection.worth_solving(levels, predictions.first) if state.lost else predictions.first
-        solutions = Solutions(state, levels, expected, first, predictions.background)
+        solutions = Solutions(state, levels, expected, first, predictions.background, is_taken)
         decision = solutions.decide_among()
         if decision.is_accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
             # texture may have slid along itself
@@ -155,8 +183,15 @@ class Follower:
         decision, predictions = self._among_surroundings(decision, levels, predictions, solutions)
         decision = self._against_slides(decision, solutions)
         decision = self._against_turns(decision, solutions, predictions)
-        decision = self._against_rivals(decision, levels, predictions, solutions.expected)
-        self._learn_from_image(levels, decision, predictions)
+        return Sight(
+            levels, predictions, solutions, self._against_rivals(decision, levels, predictions, solutions.expected)
+        )
+
+    def conclude(self, sight: Sight, alias: float = 0.0) -> Decision:
+        """What is decided of an image in the end, and learned from it; `alias` as of `Decision`, by what else is followed."""
+        state, solutions = self.state, sight.solutions
+        decision = sight.decision.with_alias(alias) if alias else sight.decision
+        self._learn_from_image(sight.levels, decision, sight.predictions)
         if state.lost:
             state.sighted = best_sighted_pose(state, solutions.found, solutions.expected.steps)
         return decision
@@ -170,7 +205,8 @@ class Follower:
             grey, time: as for `update`.
             propose: the proposals, given the pose (3, 3) that is expected; they are asked for until one is accepted.
         """
-        levels, predictions, expected = self._predict_next(grey, time)
+        levels = build_pyramid(grey)
+        predictions, expected = self._predict_next(levels, time)
         state = self.state
         solutions = Solutions(state, levels, expected, predictions.first, predictions.background)
         found = answer = solutions.decide_among()
@@ -199,12 +235,11 @@ class Follower:
         exposed[:2] = numbers.exposed * min(self.state.moved)
         return np.asarray(estimate.P * numbers.inflate**2 + np.diag(exposed**2), dtype=np.float64)
 
-    def _predict_next(self, grey: Grey, time: float | None) -> tuple[list[Grey], Predictions, Expected]:
-        """The next image's pyramid, and what continuity says of it before it is looked at."""
-        levels = build_pyramid(grey)
+    def _predict_next(self, levels: list[Grey], time: float | None) -> tuple[Predictions, Expected]:
+        """What continuity says of the next image, of which this is the pyramid, before it is looked at."""
         self.state.advance(time)
         predictions = predict_hypotheses(self.state, levels)
-        return levels, predictions, self._expected_location(predictions)
+        return predictions, self._expected_location(predictions)
 
     def _among_surroundings(
         self, decision: Decision, levels: list[Grey], predictions: Predictions, solutions: Solutions
@@ -412,7 +447,11 @@ class Registration:
 
     def move(self, grey: Grey, time: float | None) -> Moved:
         """The grasp in the next image (H, W), taken at a time in s."""
-        decision, target = self.follower.update(grey, time).with_risk(self.follower.risk), self.follower.target
+        return self.carry_by(self.follower.update(grey, time))
+
+    def carry_by(self, decided: Decision) -> Moved:
+        """The grasp by what was decided of an image."""
+        decision, target = decided.with_risk(self.follower.risk), self.follower.target
         estimate = decision.estimate
         if estimate is None or not decision.is_accepted:
             return Moved(decision, reason=StatusReason(decision.code, decision.figures))

@@ -2,6 +2,7 @@
 """Where the object is expected, by its own texture, the background, rest or even motion, and what an image makes of that."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -191,6 +192,7 @@ class Solutions:
         expected: what continuity says of the image.
         hypotheses: to begin with.
         background: (3, 3) where the ground has the object; None where that is not known.
+        is_taken: whether another object surely lies where an estimate has this one; None where no other is followed.
 
     Attributes:
         found: one estimate of each hypothesis that has one.
@@ -205,8 +207,9 @@ class Solutions:
         expected: Expected,
         hypotheses: list[Hypothesis],
         background: Floats | None = None,
+        is_taken: Callable[[PoseEstimate], bool] | None = None,
     ) -> None:
-        self._background = background
+        self._background, self._is_taken = background, is_taken
         self.found: list[PoseEstimate] = []
         self.expected = expected
         self._state, self._levels, self.marks = state, levels, state.marks
@@ -226,7 +229,7 @@ class Solutions:
             # where it was a moment ago does not tell how it moves
             still = bool(state.lost) or hypothesis.origin not in CONTINUOUS
             estimate = estimate_pose(state, self._levels, hypothesis, still=still)
-            if estimate is None:
+            if estimate is None or (self._is_taken is not None and self._is_taken(estimate)):
                 continue
             # of a lost object only what shows it can be nearly right
             lost = state.lost and pose_evidence(state, estimate) < 0.0

@@ -201,7 +201,7 @@ class Outlines:
 
     def __init__(self, target: Target, grey: Grey, observer: OutlineDetector | None, hidden: Grey | None) -> None:
         self._target = target
-        self._observer = None if target.view.is_clipped else observer or _make_detector(grey, target.view, hidden)
+        self._observer = None if target.view.is_clipped else observer or make_detector(grey, target.view, hidden)
         self._outline: Sampled | None = None  # made at the first loss
 
     def find_poses(self, grey: Grey, H: Floats, turn: int, *, thorough: bool) -> list[Floats]:
@@ -253,7 +253,7 @@ def _match_homographies(told: MatchOutcome, outline: Contour, last: Contour, H: 
     return found or [told.best.homography]
 
 
-def _make_detector(grey: Grey, view: View, hidden: Grey | None) -> OutlineDetector | None:
+def make_detector(grey: Grey, view: View, hidden: Grey | None) -> OutlineDetector | None:
     """What finds an object by the grey levels on both sides of its outline; None where they do not tell."""
     polarity = polarity_of(grey, view.outer)
     if not polarity:

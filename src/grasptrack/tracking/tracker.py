@@ -15,20 +15,27 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasptrack import arguments, kernels
-from grasptrack.errors import ConditioningError, GraspError, InputError, SourceError, StrategyError
+from grasptrack import arguments
+from grasptrack.errors import GraspError, InputError, SourceError, StrategyError
 from grasptrack.first_image import DEFAULT_SURE, FIRST_IMAGE_CHECKS, FirstImage
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import View
-from grasptrack.grasp.closure_probability import ClosureCheck
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_count, check_friction
+from grasptrack.grasp.force_closure import DEFAULT_FRICTION, check_count, check_friction
 from grasptrack.grasp.hand import Hand, Length, checked_length
 from grasptrack.images import Grey
 from grasptrack.segmentation.candidate import Candidate, distinct_candidates
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
-from grasptrack.tracking.answer import Moment, Track, located_result, make_result, needs_another, offset_covariance
+from grasptrack.tracking.answer import (
+    Moment,
+    Track,
+    first_result,
+    judge_moved,
+    make_closure_check,
+    make_result,
+    needs_another,
+)
 from grasptrack.tracking.camera import Beforehand, rectifying_view
 from grasptrack.tracking.follower import AUTO, Follower, Moved
 from grasptrack.tracking.initialization import FirstScene, Wish, first_view, image_size, mask_as_scene, start_tracking
@@ -312,21 +319,9 @@ class GraspTracker:
             return make_result(moment, "searching", reason, view=candidate.view)
         self._grasps += 1
         grasp, follower = start.grasp, start.carrier.follower
-        closure = _make_closure_check(grasp, candidate.view, self.friction)
+        closure = make_closure_check(grasp, candidate.view, self.friction)
         self._track = track = Track(self._grasps, closure, start.carrier, follower, self._make_distance_ruler(follower))
-        return located_result(
-            moment,
-            track,
-            closure.judge_first(follower.state.plane.rectifications),
-            np.eye(3),
-            np.zeros((9, 9)),
-            contacts=grasp.contacts,
-            seen=np.ones(len(grasp)),
-            edge=1.0,
-            surface=float(sum(follower.target.counts) > 0),
-            confidence=1.0,
-            view=candidate.view,
-        )
+        return first_result(moment, track, grasp, candidate.view)
 
     def _request_another_grasp(self, view: View, plane: Beforehand) -> None:
         """Another grasp is to be chosen in the next image, on the object that has this outline and lies in this plane."""
@@ -342,44 +337,15 @@ class GraspTracker:
 
     def _analyzed_result(self, moment: Moment, track: Track, moved: Moved) -> TrackResult:
         """Analysis of what is believed."""
-        estimate, contacts = moved.decision.estimate, moved.contacts
-        if (
-            estimate is None
-            or contacts is None
-            or moved.homography is None
-            or moved.view is None
-            or moved.covariance is None
-        ):
-            sure = moved.decision.confidence
-            if self._next and track.follower.state.has_left:
-                self._track, self._wish = None, self._wish.for_next()
-            return make_result(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure)
-        target, plane = track.follower.target, track.follower.state.plane
-        H, homography_covariance = target.homography_and_covariance(estimate.G, moved.covariance)
-        covariance = target.handle.placed(estimate.G, moved.covariance)[1]
-        try:
-            judged = track.closure.judge(contacts, self.friction, moved.homography, H, covariance, plane.rectifications)
-        except (GraspError, ConditioningError) as error:
-            return make_result(moment, "lost", StatusReason("off-outline", detail=str(error)), grasp_id=track.number)
-        if self._resynthesize and needs_another(judged, plane.rectifications.told):
-            self._request_another_grasp(moved.view, plane.as_prior(H, homography_covariance))
-        if contacts is not estimate.contacts:
-            covariance = covariance + offset_covariance(contacts, estimate)
-        return located_result(
-            moment,
-            track,
-            judged,
-            H,
-            homography_covariance,
-            contacts=contacts,
-            seen=target.contact_visibility(estimate.visible),
-            edge=float(np.mean(estimate.visible)) if len(estimate.visible) else 0.0,
-            surface=estimate.texture_agreeing,
-            confidence=moved.decision.confidence,
-            homography_covariance=homography_covariance,
-            covariance=covariance,
-            view=moved.view,
-        )
+        result, judged = judge_moved(moment, track, moved, self.friction)
+        plane = track.follower.state.plane
+        if self._next and track.follower.state.has_left:
+            self._track, self._wish = None, self._wish.for_next()
+        again = judged is not None and self._resynthesize and needs_another(judged, plane.rectifications.told)
+        H, covariance = result.homography, result.homography_covariance
+        if again and result.view is not None and H is not None and covariance is not None:
+            self._request_another_grasp(result.view, plane.as_prior(H, covariance))
+        return result
 
     @property
     def wish(self) -> Wish:
@@ -469,9 +435,3 @@ def _checked_tolerance(given: Length | float | str, hand: Hand | None) -> Length
         raise InputError(f"tolerance must be a positive length, not {given!r}", tolerance=repr(given))
     scale = None if hand is None else hand.px_per_mm
     return length if length.unit == "size" else Length(length.in_px(1.0, scale))
-
-
-def _make_closure_check(grasp: Grasp, view: View, friction: float) -> ClosureCheck:
-    """Judges a grasp on an outline."""
-    width = FINGER_WIDTH * math.sqrt(kernels.polygon_moments(view.points, view.offsets).area)
-    return ClosureCheck(grasp, view, friction, width)
