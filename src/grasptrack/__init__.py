@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from grasptrack.trackability import Suitability, inspect
     from grasptrack.tracking.instances import Instance, find
     from grasptrack.tracking.result import TrackResult
+    from grasptrack.tracking.scene import SceneResult, SceneTracker
     from grasptrack.tracking.tracker import GraspTracker
     from grasptrack.transfer import Transfer, transfer
     from grasptrack.transfer.choice import StrategyChoice, TransferContext, choose_strategy
@@ -107,6 +108,7 @@ _HOME = {
     "grasp.synthesis": ("GraspList", "RankedGrasp", "synthesize"),
     "tracking.instances": ("Instance", "find"),
     "tracking.result": ("TrackResult",),
+    "tracking.scene": ("SceneResult", "SceneTracker"),
     "tracking.tracker": ("GraspTracker",),
     "transfer": ("Transfer", "transfer"),
     "transfer.choice": ("StrategyChoice", "TransferContext", "choose_strategy"),
@@ -120,7 +122,7 @@ __all__ = [
     "ConditioningError", "Contour", "ContourError", "CrossingError", "Drawing", "Exploration", "Frame", "Gain",
     "Goal", "Grasp", "GraspAnalysis", "GraspError", "GraspList", "GraspPose", "GraspServo", "GraspTrackError",
     "GraspTracker", "Hand", "HandEye", "InputError", "Instance", "Length", "Limits", "LiveWire", "LossPolicy",
-    "NominalCamera", "ObservationError", "ParallelLineError", "Part", "PeaksError", "RankedGrasp", "SourceError",
+    "NominalCamera", "ObservationError", "ParallelLineError", "Part", "PeaksError", "RankedGrasp", "SceneResult", "SceneTracker", "SourceError",
     "Status", "StrategyChoice", "StrategyError", "StrategyName", "Suitability", "TrackResult", "Transfer",
     "TransferContext", "TransferError", "View", "__version__", "analyze", "choose_strategy", "draw", "find",
     "first_look", "inspect", "open_source", "read_camera", "synthesize", "transfer",

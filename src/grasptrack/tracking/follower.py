@@ -22,7 +22,7 @@ from grasptrack.tracking.decision import (
     check_strategy_contacts,
     place_prior,
 )
-from grasptrack.tracking.equals import NOTICED, log_density
+from grasptrack.tracking.equals import NOTICED, Way, log_density
 from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.evidence import (
     SUDDEN,
@@ -52,6 +52,7 @@ from grasptrack.tracking.pose import (
 from grasptrack.tracking.redetection import Redetection, best_sighted_pose, place_is_empty
 from grasptrack.tracking.rivals import Rivals
 from grasptrack.tracking.selection import make_target
+from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.surroundings import ground_of_surroundings
 from grasptrack.tracking.target import Grey, Target, build_pyramid
 from grasptrack.typing import Floats
@@ -134,8 +135,13 @@ class Follower:
         self.state = first_state(target, levels, before, time)
         self.redetection = Redetection(target, levels, observer, hidden)
         self.rivals = Rivals(self.state, self.redetection)
-        if self.rivals.shows_equals(self.state.last):
-            self.state.note_lookalike(anywhere=True)
+        self.follow_beside([])
+
+    def follow_beside(self, others: list[TrackState]) -> None:
+        """Its equals that are followed too are no danger to it any more, but that it may be taken for one of them."""
+        self.rivals = Rivals(self.state, self.redetection)
+        self.rivals.followed, self.state.equals = others, np.empty((0, 2))
+        self.state.lookalike = self.rivals.shows_equals(self.state.located)
 
     @property
     def target(self) -> Target:
@@ -186,6 +192,16 @@ class Follower:
         return Sight(
             levels, predictions, solutions, self._against_rivals(decision, levels, predictions, solutions.expected)
         )
+
+    def reconsider(self, sight: Sight, is_taken: Callable[[PoseEstimate], bool]) -> Sight:
+        """The same of what lies where no other object is found; `is_taken` as of `look_at`."""
+        levels, predictions, solutions, _ = sight
+        left = [e for e in solutions.found if not is_taken(e)]
+        if len(left) == len(solutions.found):
+            return sight
+        solutions.found = left
+        decision = self._against_turns(solutions.decide_among(), solutions, predictions)
+        return sight._replace(decision=self._against_rivals(decision, levels, predictions, solutions.expected))
 
     def conclude(self, sight: Sight, alias: float = 0.0) -> Decision:
         """What is decided of an image in the end, and learned from it; `alias` as of `Decision`, by what else is followed."""
@@ -261,6 +277,11 @@ class Follower:
         solutions.expected = self._expected_location(predictions)
         solutions.add([Hypothesis("background", ground, state.P + self.target.noise_of_motion)])
         return solutions.decide_among(), predictions
+
+    def expected_way(self, sight: Sight) -> Way:
+        """Where it would be in an image, had it moved as is expected."""
+        pose = self._expected_pose(sight.predictions)
+        return self.rivals.expected_way(sight.predictions, pose, sight.solutions.expected.steps)
 
     def _is_sudden(self, estimate: PoseEstimate) -> bool:
         """Whether the outline lies elsewhere all at once, or much of it is hidden, by what may have carried texture along."""
@@ -413,7 +434,8 @@ class Follower:
         if e is not None and (decision.is_accepted or roughly):
             learn(state, levels, decision, e, predictions)
         else:
-            alike = not state.lost and (state.lookalike or self.rivals.shows_equals(state.located))
+            beside = state.lookalike or bool(self.rivals.followed)
+            alike = not state.lost and (beside or self.rivals.shows_equals(state.located))
             lose(state, levels, decision, predictions, lookalike=alike)
 
 

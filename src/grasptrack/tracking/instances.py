@@ -144,7 +144,7 @@ def find(
     colours = to_bgr(image)
     said = FirstImage.of(ignore=ignore).within(colours.shape)
     numbers = NUMBERS.with_risk(risk)
-    scene = _Pyramids(colours)
+    scene = ImagePyramids(colours)
     kinds = [kind for part in as_parts(parts) for kind in _sides_of(part, numbers.risk)]
     settled: list[_Claim] = []
     doubted: list[_Claim] = []
@@ -176,16 +176,20 @@ def find(
 # --- what is looked for ----------------------------------------------------------------------------
 
 
-class _Pyramids:
-    """The image, its pyramid made once for each mixture of colours."""
+class ImagePyramids:
+    """An image, its pyramid made once for each mixture of colours.
+
+    Args:
+        colours: (H, W) or BGR (H, W, 3).
+    """
 
     def __init__(self, colours: Pixels) -> None:
-        self._colours = colours
+        self.colours = colours
         self._levels: dict[Channel, list[Grey]] = {}
 
     def levels_in(self, channel: Channel) -> list[Grey]:
         if channel not in self._levels:
-            self._levels[channel] = build_pyramid(channel.to_grey(self._colours))
+            self._levels[channel] = build_pyramid(channel.to_grey(self.colours))
         return self._levels[channel]
 
 
@@ -270,7 +274,7 @@ class _Claim:
         )
 
 
-def _claims_of(kind: _Kind, scene: _Pyramids, candidates: list[Candidate], ways: _Ways) -> list[_Claim]:
+def _claims_of(kind: _Kind, scene: ImagePyramids, candidates: list[Candidate], ways: _Ways) -> list[_Claim]:
     """What a kind may explain of an image: each place once, by the estimates that lie there."""
     claims: list[_Claim] = []
     for candidate in candidates:
@@ -368,16 +372,25 @@ def _carried_view(view: View, H: Floats) -> View:
 
 def _overlap_share(one: View, other: View) -> float:
     """Share of the lesser of two outlines' material, holes not counted, that lies within the other."""
+    both, *areas = overlap_areas(one, other)
+    return both / max(1, min(areas))
+
+
+def overlap_areas(one: View, other: View) -> tuple[int, int, int]:
+    """Of the material that two outlines have in common, and of the one's and the other's, in cells of a grid over both."""
     low = np.minimum(one.outer.points.min(axis=0), other.outer.points.min(axis=0))
     high = np.maximum(one.outer.points.max(axis=0), other.outer.points.max(axis=0))
     if bool((one.outer.points.max(axis=0) < other.outer.points.min(axis=0)).any()) or bool(
         (other.outer.points.max(axis=0) < one.outer.points.min(axis=0)).any()
     ):
-        return 0.0
+        return 0, 0, 0
     scale = OVERLAP_SIDE / max(1.0, float((high - low).max()))
     masks = [_material_mask(view, (OVERLAP_SIDE + 1, OVERLAP_SIDE + 1), scale, low) for view in (one, other)]
-    areas = [int(np.count_nonzero(mask)) for mask in masks]
-    return int(np.count_nonzero(masks[0] & masks[1])) / max(1, min(areas))
+    return (
+        int(np.count_nonzero(masks[0] & masks[1])),
+        int(np.count_nonzero(masks[0])),
+        int(np.count_nonzero(masks[1])),
+    )
 
 
 def _material_mask(view: View, shape: tuple[int, ...], scale: float = 1.0, low: Floats | float = 0.0) -> Grey:

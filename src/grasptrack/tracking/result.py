@@ -66,6 +66,8 @@ class TrackResult:
             surface beside it; None with the contacts.
         repeated: the image has the very pixels of the one before: a camera that hangs gives its last image again, and such an
             answer is no news of the scene.
+        instance_id: number of the instance in a `SceneTracker`, from 1; None of a tracker of one object.
+        part_id: name of its part; empty of a tracker of one object.
     """
 
     frame: int
@@ -99,6 +101,8 @@ class TrackResult:
     surface: float = math.nan
     repeated: bool = False
     last_seen: NDArray[np.int64] | None = None
+    instance_id: int | None = None
+    part_id: str = ""
 
     def __repr__(self) -> str:
         """One line: the frame, what it says, and where the contacts are."""

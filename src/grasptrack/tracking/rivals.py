@@ -44,11 +44,15 @@ class Rivals:
     Args:
         state: of the object.
         redetection: finds outlines and edges of it.
+
+    Attributes:
+        followed: states of its equals that are followed beside it, and known to be others.
     """
 
     def __init__(self, state: TrackState, redetection: Redetection) -> None:
         self.redetection = redetection
         self.state = state
+        self.followed: list[TrackState] = []
         self._looked_at: Look | None = None
 
     def against_equals(
@@ -65,7 +69,7 @@ class Rivals:
             pose: (3, 3) where it is expected.
             steps: how long it may have gone unseen, in frames of free motion.
         """
-        state, e, even = self.state, decision.estimate, predictions.even
+        state, e = self.state, decision.estimate
         if e is None:
             return decision
         ground = predictions.background if state.anchored or predictions.anew or not state.lost else None
@@ -76,14 +80,18 @@ class Rivals:
                 return decision.with_alias(SHOWN_RIGHT)
         if not (len(state.equals) or (e.origin not in CONTINUOUS and self.shows_equals(state.located))):
             return decision
-        if (carried := state.carried_by_belt()) is not None:
-            way = Way(carried, state.located.G, (state.numbers.travel * state.strayed) ** 2)
-        elif state.lost:
-            way = Way(pose, pose, (state.numbers.travel * steps) ** 2)
-        else:
-            spread = None if even is None else state.agility * state.drifted
-            way = Way(state.last.G if even is None else even, state.last.G, spread)
+        way = self.expected_way(predictions, pose, steps)
         return decision.with_alias(alias_probability(state, e, way, self._parts_shown(levels[0], e.G)))
+
+    def expected_way(self, predictions: Predictions, pose: Floats, steps: float) -> Way:
+        """Where the object would be that moved as is expected; arguments as of `against_equals`."""
+        state, even = self.state, predictions.even
+        if (carried := state.carried_by_belt()) is not None:
+            return Way(carried, state.located.G, (state.numbers.travel * state.strayed) ** 2)
+        if state.lost:
+            return Way(pose, pose, (state.numbers.travel * steps) ** 2)
+        spread = None if even is None else state.agility * state.drifted
+        return Way(state.last.G if even is None else even, state.last.G, spread)
 
     def against_other_sizes(self, decision: Decision, levels: list[Grey]) -> Decision:
         """A decision after a loss against a larger or smaller part of the same shape: the ground tells which size is right."""
@@ -143,9 +151,13 @@ class Rivals:
         if own is None:
             return []
         found: list[PoseEstimate] = []
+        seen = [each for each in self.followed if each.located.levels[0] is look.levels[0]]
+        beside = [mean_point(each.target.carried_contacts(each.located.G)) for each in seen]
         for hypothesis in self.redetection.find_lookalikes(state, look):
             other = estimate_pose(state, look.levels, hypothesis, still=True)
             if other is None or is_at(own, other.middle) or any(is_at(other, e.middle) for e in found):
+                continue
+            if any(is_at(other, place) for place in beside):
                 continue
             if _shared_area(state.target, other.G, look.G) > OVERLAP:  # both cannot lie there: it is seen by its edges
                 continue

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Equals that are followed together: which of them lies where, by the one motion that explains all that an image shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from grasptrack.tracking.equals import NOTICED, Way, way_density
+from grasptrack.tracking.follower import Follower, Sight
+from grasptrack.tracking.pose import carried_in_front, contact_tolerance, share_in_view, worst_variance
+from grasptrack.tracking.redetection import place_is_empty
+from grasptrack.tracking.rivals import ALIKE_SHARE
+from grasptrack.tracking.target import Grey
+from grasptrack.typing import Floats
+
+EMPTY_RIGHT = 0.999
+"""Probability that no part lies where the ground of its surroundings is seen all over its place."""
+FIT = 0.1
+"""Share of a way by which perspective lets parts err that all went that way."""
+
+
+class _Member(NamedTuple):
+    """One of some equals in an image.
+
+    Attributes:
+        follower: of it.
+        sight: of the image.
+        way: where it would be, had it moved as is expected.
+        before, now: (m, 2) px, places on it as expected and as found; `now` is None where it is not found.
+    """
+
+    follower: Follower
+    sight: Sight
+    way: Way
+    before: Floats
+    now: Floats | None
+
+    def is_empty_now(self, shift: Floats) -> bool:
+        """Whether the image shows all of the place (2,) px beside the expected one, and nothing in it."""
+        return self._is_empty(_shifted(self.way.G, shift), self.sight.levels)
+
+    def was_empty(self, shift: Floats) -> bool:
+        """The same of the last image, and of the place that has come to lie (2,) px beside the expected one."""
+        G = self.way.last @ np.linalg.inv(self.way.G) @ _shifted(self.way.G, shift)
+        return self._is_empty(np.asarray(G / G[2, 2], dtype=np.float64), self.follower.state.last.levels)
+
+    def _is_empty(self, G: Floats, levels: list[Grey]) -> bool:
+        state = self.follower.state
+        seen = share_in_view(G, state.target.outline, levels[0]) == 1.0
+        return seen and place_is_empty(state.target, state.located, levels, G)
+
+    def is_shown(self, shift: Floats) -> bool:
+        """Whether the image shows a part (2,) px beside the expected place."""
+        share, grey = self.follower.redetection.edge_share, self.sight.levels[0]
+        G = _shifted(self.way.G, shift)
+        least = ALIKE_SHARE * self.follower.target.edge_share
+        return share_in_view(G, self.follower.target.outline, grey) == 1.0 and share(grey, G) >= least
+
+
+def alias_probabilities(followers: Sequence[Follower], sights: Sequence[Sight]) -> list[float]:
+    """Probability of each of some equals that what it is taken for is another one, all of them having moved together.
+
+    Each is where it was found, or all went another way, as what lies on one belt does, and each is taken for another one.
+    What speaks against a motion is a place that it leaves a part in and that is seen to be empty, and a part that was
+    seen to be nowhere before. Where nothing does, a way is as probable as for one object alone, see `alias_probability`.
+
+    Args:
+        followers: of equals, none of which was lost before the image.
+        sights: theirs, of the image.
+    """
+    members = [_member_of(f, s) for f, s in zip(followers, sights, strict=True)]
+    found = [m for m in members if m.now is not None]
+    odds = dict.fromkeys(map(id, found), 0.0)
+    own = {id(m): _middle(m.now) - _middle(m.before) for m in found if m.now is not None}
+    if len(members) > 1 and found:
+        usual = np.median(list(own.values()), axis=0)
+        ways = _other_ways(found, members)
+        shares = np.array([[_density_ratio(m, own[id(m)], way) for m in found] for way in ways]).reshape(-1, len(found))
+        least = NOTICED * found[0].follower.state.numbers.risk / max(1, len(ways))
+        against_own = sum(m.is_empty_now(usual) for m in members if m.now is None)
+        for way, share in zip(ways, shares, strict=True):
+            if share.max() < least:
+                continue
+            told = _log_odds(way, usual, members, math.log(least)) - against_own * math.log(1.0 - EMPTY_RIGHT)
+            for m, each in zip(found, share.tolist(), strict=True):
+                if _away(m.before + way, m) > _tolerance(m, way):  # else it went that way itself
+                    odds[id(m)] += each * math.exp(min(told, -math.log(least)))
+    return [odds[id(m)] / (1.0 + odds[id(m)]) if id(m) in odds else 0.0 for m in members]
+
+
+def _member_of(follower: Follower, sight: Sight) -> _Member:
+    target, way, decision = follower.target, follower.expected_way(sight), sight.decision
+    # of what fits itself turned, only the middle is known to be the same
+    places = target.outline.mean(axis=0)[None] if target.turns or target.is_round else target.work_contacts
+    shows = decision.estimate is not None and decision.presence > 0.5 and decision.evidence > 0.0
+    now = carried_in_front(decision.estimate.G, places) if shows and decision.estimate is not None else None
+    return _Member(follower, sight, way, carried_in_front(way.G, places), now)
+
+
+def _other_ways(found: Sequence[_Member], members: Sequence[_Member]) -> list[Floats]:
+    """(2,) px each, the motions that would carry a part to where another one was found."""
+    ways: list[Floats] = []
+    for m in found:
+        for other in members:
+            if other is m or m.now is None:
+                continue
+            way = _middle(m.now) - _middle(other.before)
+            if np.isfinite(way).all() and not any(np.hypot(*(way - known)) < _tolerance(m, way) for known in ways):
+                ways.append(way)
+    return ways
+
+
+def _density_ratio(member: _Member, own: Floats, way: Floats) -> float:
+    """How much more probable a way is than its own, by what is known of how it moves."""
+    estimate, spread = member.sight.decision.estimate, member.way.spread
+    assert estimate is not None
+    squares = np.array([float(own @ own), float(way @ way)]).clip(worst_variance(estimate.covariance)) / estimate.area
+    density = 1.0 / squares if spread is None else way_density(squares, spread, member.follower.state.numbers)
+    return float(density[1] / density[0])
+
+
+def _log_odds(way: Floats, usual: Floats, members: Sequence[_Member], least: float) -> float:
+    """What the image and the last one say for a way (2,) px of all, against each being where it was found; `least` is enough."""
+    told, doubt = 0.0, math.log(1.0 - EMPTY_RIGHT)
+    for m in members:
+        if told < least:
+            break
+        if min((_away(m.before + way, n) for n in members), default=math.inf) > _tolerance(m, way):
+            told += doubt * m.is_empty_now(way)
+            if m.now is not None and m.is_shown(way):  # nobody has found this part: where did it come from?
+                told -= doubt * m.was_empty(way - usual)
+        if m.now is not None and min(_away(n.before + way, m) for n in members) > _tolerance(m, way):
+            told += doubt * m.was_empty(_middle(m.now) - _middle(m.before) - way)
+    return told
+
+
+def _away(places: Floats, member: _Member) -> float:
+    """px between places (m, 2) and those of what was found, the worst; infinite where it was not."""
+    if member.now is None or len(member.now) != len(places):
+        return math.inf
+    away = float(np.hypot(*(member.now - places).T).max())
+    return away if math.isfinite(away) else math.inf
+
+
+def _tolerance(member: _Member, way: Floats) -> float:
+    estimate, state = member.sight.decision.estimate, member.follower.state
+    area = state.target.area if estimate is None else estimate.area
+    return contact_tolerance(area, state.numbers) + FIT * math.hypot(*way.tolist())
+
+
+def _middle(places: Floats) -> Floats:
+    return np.asarray(places.mean(axis=0), dtype=np.float64)
+
+
+def _shifted(G: Floats, shift: Floats) -> Floats:
+    """(3, 3) a pose moved by (2,) px in the image."""
+    return np.asarray(np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]], [0.0, 0.0, 1.0]]) @ G, dtype=np.float64)

@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every instance of known parts through images: each followed as one object is, and no two in one place."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import arguments
+from grasptrack.equality import compared_by_value
+from grasptrack.errors import ConditioningError, InputError, SourceError
+from grasptrack.first_image import FirstImage
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.images import PLAIN, Grey, to_bgr
+from grasptrack.segmentation.candidate import best_color_projection
+from grasptrack.tracking.answer import Moment, Track, first_result, judge_moved, make_closure_check
+from grasptrack.tracking.decision import any_of, place_prior
+from grasptrack.tracking.evidence import MAX_EXPONENT
+from grasptrack.tracking.follower import Follower, Registration, Sight
+from grasptrack.tracking.instances import LEAST_OVERLAP, ImagePyramids, Instance, find, overlap_areas
+from grasptrack.tracking.joint import alias_probabilities
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
+from grasptrack.tracking.parts import KnownPart, as_parts
+from grasptrack.tracking.pose import PoseEstimate
+from grasptrack.tracking.redetection import make_detector
+from grasptrack.tracking.result import TrackResult
+
+
+@compared_by_value
+@dataclass(frozen=True, slots=True)
+class SceneResult:
+    """What is told of one image of a scene. Two are equal where all but `latency_ms` is.
+
+    Attributes:
+        frame: index of the update, from 0.
+        time: s, or None where the source has no times.
+        results: of each instance that is followed, by its `instance_id`.
+        entered: ids that are told for the first time.
+        left: ids that went out over the image's border, and are told for the last time.
+        latency_ms: time that the update took.
+    """
+
+    frame: int
+    time: float | None
+    results: dict[int, TrackResult]
+    entered: tuple[int, ...]
+    left: tuple[int, ...]
+    latency_ms: float = field(default=math.nan, compare=False)
+
+    def __repr__(self) -> str:
+        """One line: the frame, and how many instances are where."""
+        located = sum(result.located for result in self.results.values())
+        return f"SceneResult(frame {self.frame}: {located} of {len(self.results)} located)"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
+        from grasptrack.presentation import to_dict
+
+        return to_dict(self)
+
+
+class SceneTracker:
+    """Finds every instance of known parts in the first image, and follows each of them, by its first grasp, through the next.
+
+    Equals that are all followed are no danger to each other: no two are given in one place, and what lies where another one
+    surely lies is not looked for there. Where all of them may have gone one way or another, as on a belt that moves by more
+    than half of its pitch, they are lost as "lookalike".
+
+    Args:
+        parts: one part or several of different names.
+        instances: those of the first image that are to be followed, as `find` gives them; None finds them. Only those that
+            are found are followed.
+        risk: probability, between 0 and 1, below which an answer may be wrong.
+        ignore: (H, W) nonzero where nothing belongs to the scene.
+
+    Raises:
+        InputError: no part, two of one name, an instance of none of them, or a risk out of range.
+    """
+
+    @arguments.checked(
+        instances=arguments.optional(arguments.several),
+        risk=arguments.number,
+        ignore=arguments.optional(arguments.array(unbounded=True)),
+    )
+    def __init__(
+        self,
+        parts: KnownPart | Sequence[KnownPart],
+        *,
+        instances: Sequence[Instance] | None = None,
+        risk: float = DEFAULT_RISK,
+        ignore: NDArray[Any] | None = None,
+    ) -> None:
+        self._parts = {part.name: part for part in as_parts(parts)}
+        self.risk = check_risk(risk)
+        self._given = None if instances is None else list(instances)
+        for one in self._given or ():
+            if not isinstance(one, Instance) or one.part not in self._parts:
+                raise InputError(f"instances must be some of these parts, not {one!r}")
+        self._ignore = ignore
+        self._hidden: Grey | None = None
+        self._followed: list[_Followed] = []
+        self._image: ImagePyramids | None = None
+        self._frame, self._time, self._count = -1, None, 0  # type: tuple[int, float | None, int]
+
+    @property
+    def fingers(self) -> int:
+        """Most contacts that a part's first grasp has."""
+        return max(len(part.grasps[0]) for part in self._parts.values())
+
+    @arguments.checked(image=arguments.array(unbounded=True), time=arguments.optional(arguments.finite))
+    def update(self, image: NDArray[Any], time: float | None = None) -> SceneResult:
+        """Look at the next image.
+
+        Args:
+            image: 8 or 16 bit, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4).
+            time: s, at which it was taken; None counts frames.
+
+        Raises:
+            SourceError: an image of another size than the first, or one that cannot be used.
+        """
+        started, colours, before = clock.perf_counter(), to_bgr(image), self._image
+        if before is not None and before.colours.shape != colours.shape:
+            raise SourceError("all images of a scene must have one size and kind", shape=colours.shape)
+        self._frame, self._time, self._image = self._frame + 1, time, ImagePyramids(colours)
+        moment = Moment(self._frame, time, started, repeated=False, sure=True, probability=math.nan)
+        if before is None:
+            self._hidden = FirstImage.of(ignore=self._ignore).within(colours.shape).hidden
+            self._begin(find(colours, list(self._parts.values()), risk=self.risk, ignore=self._ignore)
+                        if self._given is None else self._given)  # fmt: skip
+            results = [each.first_result(moment) for each in self._followed]
+        else:
+            results = self._follow(self._image, moment)
+        told = {each.number: result for each, result in zip(self._followed, results, strict=True)}
+        entered = tuple(each.number for each in self._followed if each.is_new)
+        left = tuple(each.number for each in self._followed if each.follower.state.has_left)
+        for each in self._followed:
+            each.is_new = False
+        if left:
+            self._followed = [each for each in self._followed if each.number not in left]
+            self._make_acquainted()
+        return SceneResult(self._frame, time, told, entered, left, 1000.0 * (clock.perf_counter() - started))
+
+    def look(self) -> list[Instance]:
+        """Look in the last image for parts that are not followed, as those that have come into view, and follow them too.
+
+        It takes as long as `find`. What was lost and is found so is a new instance: nobody saw which one it is.
+
+        Returns:
+            Those that are new; the next update tells of them.
+
+        Raises:
+            InputError: before the first update.
+        """
+        if self._image is None:
+            raise InputError("look at an image first: call update")
+        colours = self._image.colours
+        hidden = np.zeros(colours.shape[:2], np.uint8) if self._hidden is None else self._hidden.copy()
+        for view in [each.view for each in self._followed if not each.follower.state.lost]:
+            cv2.fillPoly(hidden, [np.rint(view.outer.points).astype(np.int32)], (255,))
+        found = find(colours, list(self._parts.values()), risk=self.risk, ignore=hidden)
+        return self._begin(found)
+
+    def _begin(self, found: Sequence[Instance]) -> list[Instance]:
+        """Follow what is found in the last image from there on."""
+        assert self._image is not None
+        taken = [each.view for each in self._followed if not each.follower.state.lost]
+        new = [one for one in found if one.found and not any(share_place(one.view, view) for view in taken)]
+        for one in new:
+            self._count += 1
+            part = self._parts[one.part]
+            self._followed.append(_Followed(self._count, one, part, self._image, (self._time, self.risk, self._hidden)))
+        if new:
+            self._make_acquainted()
+        return new
+
+    def _make_acquainted(self) -> None:
+        for each in self._followed:
+            others = [other for other in self._followed if other is not each and other.part.name == each.part.name]
+            each.follower.follow_beside([other.follower.state for other in others])
+
+    def _follow(self, image: ImagePyramids, moment: Moment) -> list[TrackResult]:
+        """The results of a later image: of what was not lost before, then of what is looked for beside that."""
+        told: dict[int, TrackResult] = {}
+        lost = {each.number for each in self._followed if each.follower.state.lost}
+        for members in (
+            [e for e in self._followed if e.number not in lost],
+            [e for e in self._followed if e.number in lost],
+        ):
+            sure = [result.view for result in told.values() if result.view is not None]
+            sights = [each.look_at(image, moment.time, sure) for each in members]
+            sights = _each_beside_others(members, sights)
+            aliases = _shared_places(members, sights)
+            if not sure:
+                aliases = _with_equals(members, sights, aliases)
+            for each, sight, alias in zip(members, sights, aliases, strict=True):
+                told[each.number] = each.conclude(moment, sight, alias)
+        return [told[each.number] for each in self._followed]
+
+
+class _Followed:
+    """An instance that is followed from the image in which it was found.
+
+    Args:
+        number: its id.
+        one, part: the instance and its part.
+        image: in which it was found.
+        asked: time of the image in s, the risk, and (H, W) where nothing belongs to the scene.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        one: Instance,
+        part: KnownPart,
+        image: ImagePyramids,
+        asked: tuple[float | None, float, Grey | None],
+    ) -> None:
+        assert one.contacts is not None
+        (time, risk, hidden), colours = asked, image.colours
+        self.number, self.part, self._probability, self.is_new = number, part, one.confidence, True
+        self._channel = PLAIN if colours.ndim == 2 else best_color_projection(colours, one.view.outer)
+        grey = image.levels_in(self._channel)[0]
+        self._grasp, self.view = Grasp(one.contacts), one.view
+        observer = make_detector(grey, one.view, hidden)
+        self.follower = Follower(grey, one.view, one.contacts, time, observer, NUMBERS.with_risk(risk))
+        self._carrier = Registration(self.follower)
+        self._track = Track(1, make_closure_check(self._grasp, one.view, part.friction), self._carrier, self.follower)
+
+    def first_result(self, moment: Moment) -> TrackResult:
+        """Of the image in which it was found."""
+        return self._named(first_result(self._at(moment), self._track, self._grasp, self.view))
+
+    def look_at(self, image: ImagePyramids, time: float | None, sure: Sequence[View]) -> Sight:
+        """What the next image shows of it where none of those lies that surely lie there."""
+        is_taken = partial(self._lies_on, sure) if sure else None
+        return self.follower.look_at(image.levels_in(self._channel), time, is_taken)
+
+    def reconsider(self, sight: Sight, others: Sequence[View]) -> Sight:
+        """What an image shows of it where none of the others lies."""
+        return self.follower.reconsider(sight, partial(self._lies_on, others))
+
+    def conclude(self, moment: Moment, sight: Sight, alias: float) -> TrackResult:
+        """The result of an image; `alias` as of `Follower.conclude`."""
+        moved = self._carrier.carry_by(self.follower.conclude(sight, alias))
+        result, _ = judge_moved(self._at(moment), self._track, moved, self.part.friction)
+        self.view = self.view if result.view is None else result.view
+        return self._named(result)
+
+    def view_at(self, estimate: PoseEstimate) -> View | None:
+        """Its outer outline where an estimate has it; None where that is nowhere."""
+        try:
+            return View(Contour.trusted(apply_homography(estimate.G, self.follower.target.outline)))
+        except ConditioningError:
+            return None
+
+    def _lies_on(self, views: Sequence[View], estimate: PoseEstimate) -> bool:
+        own = self.view_at(estimate)
+        return own is not None and any(share_place(own, view) for view in views)
+
+    def _at(self, moment: Moment) -> Moment:
+        return moment._replace(probability=self._probability)
+
+    def _named(self, result: TrackResult) -> TrackResult:
+        return replace(result, instance_id=self.number, part_id=self.part.name)
+
+
+def share_place(one: View, other: View) -> bool:
+    """Whether two outlines have so much in common that no two parts lie so: a small one on a large one may."""
+    both, *areas = overlap_areas(View(one.outer), View(other.outer))
+    return both > LEAST_OVERLAP * max(1, *areas)
+
+
+def _each_beside_others(members: Sequence[_Followed], sights: Sequence[Sight]) -> list[Sight]:
+    """What an image shows of each where none of the others is found: what explains another one speaks for none but that."""
+    claims = [None if s.decision.estimate is None else m.view_at(s.decision.estimate) for m, s in zip(members, sights)]
+    found = []
+    for k, (each, sight) in enumerate(zip(members, sights, strict=True)):
+        beside = [view for j, view in enumerate(claims) if j != k and view is not None]
+        own = claims[k]
+        if sight.decision.is_accepted or own is None or any(share_place(own, view) for view in beside):
+            found.append(sight)
+        else:
+            found.append(each.reconsider(sight, beside))
+    return found
+
+
+def _shared_places(members: Sequence[_Followed], sights: Sequence[Sight]) -> list[float]:
+    """Probability of each that what it is taken for is another one that is found in its place."""
+    views: list[View | None] = []
+    worth: list[float] = []
+    for each, sight in zip(members, sights, strict=True):
+        e = sight.decision.estimate
+        views.append(each.view_at(e) if e is not None and sight.decision.is_accepted else None)
+        prior = 0.0 if e is None else place_prior(e, sight.solutions.expected, each.follower.target.numbers)
+        worth.append(sight.decision.evidence + prior)
+    found = []
+    for k, view in enumerate(views):
+        rivals = [j for j, other in enumerate(views) if j != k and view and other and share_place(view, other)]
+        less = [min(worth[k] - worth[j], MAX_EXPONENT) for j in rivals]
+        found.append(any_of(*(1.0 / (1.0 + math.exp(max(each, -MAX_EXPONENT))) for each in less)))
+    return found
+
+
+def _with_equals(members: Sequence[_Followed], sights: Sequence[Sight], aliases: Sequence[float]) -> list[float]:
+    """The same, with the probability that all of its equals, and it with them, went another way."""
+    found = list(aliases)
+    for name in {each.part.name for each in members}:
+        group = [k for k, each in enumerate(members) if each.part.name == name]
+        told = alias_probabilities([members[k].follower for k in group], [sights[k] for k in group])
+        for k, alias in zip(group, told, strict=True):
+            found[k] = any_of(found[k], alias)
+    return found
