@@ -122,9 +122,9 @@ __all__ = [
     "ConditioningError", "Contour", "ContourError", "CrossingError", "Drawing", "Exploration", "Frame", "Gain",
     "Goal", "Grasp", "GraspAnalysis", "GraspError", "GraspList", "GraspPose", "GraspServo", "GraspTrackError",
     "GraspTracker", "Hand", "HandEye", "InputError", "Instance", "Length", "Limits", "LiveWire", "LossPolicy",
-    "NominalCamera", "ObservationError", "ParallelLineError", "Part", "PeaksError", "RankedGrasp", "SceneResult", "SceneTracker", "SourceError",
-    "Status", "StrategyChoice", "StrategyError", "StrategyName", "Suitability", "TrackResult", "Transfer",
-    "TransferContext", "TransferError", "View", "__version__", "analyze", "choose_strategy", "draw", "find",
+    "NominalCamera", "ObservationError", "ParallelLineError", "Part", "PeaksError", "RankedGrasp", "SceneResult",
+    "SceneTracker", "SourceError", "Status", "StrategyChoice", "StrategyError", "StrategyName", "Suitability", "TrackResult",
+    "Transfer", "TransferContext", "TransferError", "View", "__version__", "analyze", "choose_strategy", "draw", "find",
     "first_look", "inspect", "open_source", "read_camera", "synthesize", "transfer",
 ]  # fmt: skip
 

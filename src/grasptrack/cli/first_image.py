@@ -228,6 +228,15 @@ def parse_pair(text: str, option: str, wanted: str = "a pixel written x,y") -> P
     return numbers[0], numbers[1]
 
 
+def parse_belt(text: str | None) -> Point | None:
+    """The velocity of --belt; None where it was not given.
+
+    Raises:
+        InputError: anything else.
+    """
+    return None if text is None else parse_pair(text, "--belt", "a velocity in px/s written vx,vy")
+
+
 def _parse_rectangle(text: str, option: str) -> Box:
     numbers = _parse_numbers(text)
     if len(numbers) != 4 or not (numbers[2] > 0.0 and numbers[3] > 0.0):
@@ -343,7 +352,7 @@ def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandS
         camera=load_calibration(first.camera),
         length=length and length.value,
         unit=length.unit if length else "",
-        belt=None if known.belt is None else parse_pair(known.belt, "--belt", "a velocity in px/s written vx,vy"),
+        belt=parse_belt(known.belt),
         pixel_aspect=known.pixel_aspect,
         resynthesize=grasp.resynthesize,
         tolerance=grasp.allowed_error(hand),

@@ -177,6 +177,44 @@ class FollowedGrasp(CarriedGrasp):
 
 
 @dataclass(frozen=True)
+class SceneOptions:
+    """Parts on file of which every instance is followed."""
+
+    part: Annotated[
+        list[str] | None,
+        option(
+            OBJECT, "FILE", "Part, or folder of parts, from grasptrack teach, for --all; may be repeated.", "--part"
+        ),
+    ] = None
+    all_parts: Annotated[
+        bool, option(OBJECT, None, "Follow every instance of the parts of --part, each with its instance_id.", "--all")
+    ] = False
+    look_every: Annotated[
+        float | None,
+        option(
+            OBJECT,
+            "S",
+            "Look for parts that come into view every so many seconds of the images' time, for --all.",
+            show_default="2, and never in a live source, which a look of some seconds would hold up",
+        ),
+    ] = None
+
+    def has_parts(self) -> bool:
+        """Whether many are followed.
+
+        Raises:
+            InputError: an option without the one that it belongs to, or seconds not above 0.
+        """
+        if self.all_parts and not self.part:
+            raise InputError("--all follows parts on file: say which with --part FILE (grasptrack teach makes one)")
+        if not self.all_parts and (self.part or self.look_every is not None):
+            raise InputError("--part and --look-every are for following every instance of a part: add --all")
+        if self.look_every is not None and not 0.0 < self.look_every < math.inf:
+            raise InputError(f"--look-every must be a positive number of seconds, not {self.look_every:g}")
+        return self.all_parts
+
+
+@dataclass(frozen=True)
 class KnownGeometry:
     """What a person has measured of object, belt and camera."""
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,10 +24,13 @@ if TYPE_CHECKING:
     from grasptrack.io.results import RunSummary
     from grasptrack.segmentation.candidate import Candidate
     from grasptrack.tracking.result import TrackResult
+    from grasptrack.tracking.scene import SceneResult
 
 APART = 4
 """Images between those that a first look asks where it is not sure: a camera moves little from one to the next."""
 
+LOOK_EVERY = 2.0
+"""s between looks for parts that come into view, of a source that waits."""
 LONGEST = 1000
 """Characters of options that are printed; an outline may have many more."""
 
@@ -44,6 +47,7 @@ def track(
     first: first_image.MaskedFrames,
     hand: options.HandSize,
     known: options.KnownGeometry,
+    scene: options.SceneOptions,
     images: options.SourceOptions,
     start: Annotated[
         int,
@@ -75,6 +79,9 @@ def track(
 
     With --length, the object's length as a caliper measures it, every frame gives its distance, in that unit.
 
+    With --part FILE --all every instance of parts on file is followed: grasps.csv has a row for each in every frame, with its
+    instance_id, and overlay.mp4 shows all of them. Equals that move so far that one may be taken for another are lost.
+
     Where the choice of the object is not sure, candidates.png shows the likeliest, numbered, and --choose takes one.
 
     Writes grasps.csv (one row for every frame), run.json, overlay.mp4 and summary.png. Ctrl-C keeps what was computed.
@@ -96,6 +103,7 @@ def track(
       grasptrack track video.mp4 --risk 1e-5 --tolerance 2%
       grasptrack track video.mp4 --start 2 --wait --next
       grasptrack track video.mp4 --camera camera.yaml --length 120mm
+      grasptrack track belt.mp4 --part flange.part --all
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """
     if videos := _videos_of(source):
@@ -104,8 +112,14 @@ def track(
                 f'"{source}" names {len(videos)} videos: --record, --jsonl and --masks are for one at a time'
             )
         given: dict[str, Any] = {"grasp": grasp, "first": first, "hand": hand, "known": known, "images": images}
+        given["scene"] = scene
         given |= {"recording": recording, "start": start, "no_video": no_video, "quiet": True}
         _track_each(videos, output, quiet, partial(track, **given))
+        return
+    if scene.has_parts():
+        _refuse_unsuited(grasp, first, hand, known, recording)
+        reading = (source, images, start)
+        _track_scene(reading, scene, (grasp.risk, first.ignore, known.belt), (output, recording, no_video, quiet))
         return
     asked = {
         **as_asked(grasp, hand, images, known),
@@ -191,6 +205,87 @@ def track(
     notes += advice_for(summary.codes, summary.frames)
     if not quiet:
         show_run(summary, output, notes)
+
+
+def _refuse_unsuited(*groups: Any) -> None:
+    """See that nothing is asked for that --all has no use for.
+
+    Raises:
+        InputError: it is.
+    """
+    suited = ("risk", "ignore", "belt", "jsonl", "outline_in_jsonl")
+    for each in (each for group in groups for each in fields(group)):
+        value = next(getattr(group, each.name) for group in groups if hasattr(group, each.name))
+        if each.name not in suited and value != each.default:
+            name = {"object_at": "object", "next_object": "next", "mask": "masks"}.get(each.name, each.name)
+            raise InputError(f"--{name.replace('_', '-')} is for following one object: leave it out, or --all")
+
+
+def _track_scene(
+    reading: tuple[str, options.SourceOptions, int],
+    scene: options.SceneOptions,
+    said: tuple[float, str | None, str | None],
+    writing: tuple[Path, options.RecordingOptions, bool, bool],
+) -> None:
+    """Follow every instance of parts on file: what is read, the parts, risk, what is ignored and the belt; what is written."""
+    from grasptrack.files import keep_inputs
+    from grasptrack.io.parts import load_parts, part_files
+    from grasptrack.io.run import FILES, run_track
+    from grasptrack.io.sources import open_source
+    from grasptrack.tracking.scene import SceneTracker
+
+    (source, images, start), (risk, ignore, belt), (output, recording, no_video, quiet) = reading, said, writing
+    files = part_files(scene.part or [])
+    frames = open_source(source, images.fps, settings=images.camera_settings()).start_at(start)
+    every = scene.look_every or (None if frames.live else LOOK_EVERY)
+    tracker = SceneTracker(
+        load_parts(files),
+        risk=risk,
+        ignore=first_image.read_ignored(ignore),
+        belt=first_image.parse_belt(belt),
+        look_every=every,
+    )
+    read = [*frames.files, *files, *([] if ignore is None else [Path(ignore)])]
+    keep_inputs([*(output / name for name in FILES), *recording.files()], read)
+    asked = {
+        "parts": list(map(str, files)),
+        "risk": risk,
+        "ignore": ignore,
+        "belt": belt,
+        "look_every": every,
+        "start": start,
+    }
+    recordings = recording.open_recordings(asked)
+    quiet, done = quiet or recording.jsonl == "-", 0
+    known: dict[int, list[int]] = {}
+    names: dict[int, str] = {}
+    with Interruption() as interruption, ProgressBar(quiet) as progress:
+
+        def report_frame(frame: Frame, told: SceneResult) -> None:
+            nonlocal done
+            done += 1
+            for number, result in told.results.items():
+                first, _, located = known.get(number, [frame.index, 0, 0])
+                known[number], names[number] = [first, frame.index, located + result.located], result.part_id
+            progress.show_progress("tracking", done, frames.count and frames.count - start)
+            interruption.raise_if_pressed()
+
+        try:
+            run_track(
+                frames, tracker, output, video=not no_video, options=asked, recordings=recordings, on_frame=report_frame
+            )
+        except KeyboardInterrupt:
+            raise RunInterruptedError(f'interrupted after {done} frames; what was computed is in "{output}"') from None
+    if not known:
+        raise InputError(f'"{source}": no instance of {", ".join(map(str, files))} was found')
+    if not quiet:
+        rows = [[str(number), names[number], *map(str, each)] for number, each in known.items()]
+        heads = [
+            ("instance", "right"),
+            ("part", "left"),
+            *((h, "right") for h in ("from frame", "to frame", "located")),
+        ]
+        show_rows(f"Instances in {done} frames", heads, rows, [f"{output}: {', '.join(FILES[: 3 - no_video])}"])
 
 
 def _videos_of(source: str) -> dict[str, Path]:

@@ -164,6 +164,11 @@ _IN_DEGREES = tuple(column for column in _TOLD if column.unit == "degrees")
 COLUMNS = _TOLD + tuple(each._replace(name=f"{each.name}_deg", take=each.value_of) for each in _IN_DEGREES)
 """In the order of grasps.csv; new ones come at the end."""
 NAMED = {column.name: column for column in COLUMNS}
+SCENE_COLUMNS = (
+    CsvColumn("instance_id", "count", "", "never"),
+    CsvColumn("part_id", "text", "", "never"),
+)
+"""Of a scene of many after all others, and in JSON."""
 IN_JSON = (
     "frame", "time_s", "status", "reason", "reason_code", "strategy", "grasp_id", "contacts", "covariances", "seen",
     "last_seen", "edge", "surface", "homography", "confidence", "chance", "margin_deg", "margin_sd_deg", "margin_image_deg",
@@ -174,16 +179,16 @@ IN_JSON = (
 UNITS = {column.name: column.unit for column in COLUMNS if column.unit}
 
 
-def csv_columns(fingers: int) -> list[str]:
-    """Names of the columns of grasps.csv for a number of contacts."""
-    return [name for column in COLUMNS for name in column.cell_names(fingers)]
+def csv_columns(fingers: int, *, scene: bool = False) -> list[str]:
+    """Names of the columns of grasps.csv for a number of contacts, of one object or of a scene of many."""
+    return [name for column in COLUMNS + SCENE_COLUMNS * scene for name in column.cell_names(fingers)]
 
 
 def csv_cells(result: TrackResult, index: int, time: float | None, fingers: int) -> list[str]:
     """A row of grasps.csv."""
     of_frame = {"frame": index, "time_s": time, "last_seen": _frames_of(result, index)}
     cells: list[str] = []
-    for column in COLUMNS:
+    for column in COLUMNS + SCENE_COLUMNS * (result.instance_id is not None):
         value = of_frame[column.name] if column.name in of_frame else column.shown_value(result)
         listed: Sequence[Any] = [] if value is None else [value] if column.spread is None else column.spread(value)
         count = len(column.cell_names(fingers))
@@ -205,6 +210,8 @@ def result_fields(frame: Frame, result: TrackResult, *, outline: bool = False) -
     """One frame as JSON has it; what does not exist is None. Lengths are in px of grasps.csv, angles in degrees."""
     fields = {name: NAMED[name].shown_value(result) for name in IN_JSON}
     fields |= {"frame": frame.index, "time_s": frame.time, "last_seen": _frames_of(result, frame.index)}
+    if result.instance_id is not None:
+        fields |= {column.name: column.value_of(result) for column in SCENE_COLUMNS}
     if outline:
         fields["outline"] = None if result.view is None else [c.points for c in result.view.contours]
     plain: dict[str, Any] = plain_value(fields)

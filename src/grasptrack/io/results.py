@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""grasps.csv, one row for every frame; the counts of a run; and what it was made with: versions and machine, for run.json."""
+"""grasps.csv, a row for every frame or instance in it; the counts of a run; and what it was made with, for run.json."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
 
 
 class GraspsCsv:
-    """Writes grasps.csv anew, for so many fingers, row by row.
+    """Writes grasps.csv anew, for so many fingers, row by row; of a scene, with the columns of instances.
 
     Each row is on its way to the disk, whole, before the next frame is looked at.
     """
 
-    def __init__(self, path: Path, fingers: int) -> None:
+    def __init__(self, path: Path, fingers: int, *, scene: bool = False) -> None:
         self._fingers = fingers
         self._path = path
         self._file = path.open("wb", buffering=0)
         self._size = 0
         try:
-            self._write_row(csv_columns(fingers))
+            self._write_row(csv_columns(fingers, scene=scene))
         except OSError:
             self._file.close()
             raise

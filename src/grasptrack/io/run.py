@@ -7,7 +7,7 @@ import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from grasptrack.documents import write_json
 from grasptrack.errors import InputError
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from grasptrack.io.recording import Recording
     from grasptrack.io.video import VideoWriter
     from grasptrack.tracking.result import TrackResult
+    from grasptrack.tracking.scene import SceneResult
     from grasptrack.view.summary import Filmstrip
 
 
@@ -29,15 +30,15 @@ FILES = ("grasps.csv", "run.json", "overlay.mp4", "summary.png")
 
 
 class Tracker(Protocol):
-    """What a run needs of a tracker; `GraspTracker` is one."""
+    """What a run needs of a tracker; `GraspTracker` and `SceneTracker` are."""
 
     @property
     def fingers(self) -> int:
         """Number of contacts of its grasp, k."""
         ...
 
-    def update(self, image: Any, time: float | None = None, mask: Any = None) -> TrackResult:
-        """The answer for the next image."""
+    def update(self, image: Any, time: float | None = None) -> TrackResult | SceneResult:
+        """The answer for the next image; of one object, `mask` may stand for the image."""
         ...
 
 
@@ -50,7 +51,7 @@ def run_track(
     options: Mapping[str, Any] | None = None,
     masks: Masks | None = None,
     recordings: Sequence[Recording] = (),
-    on_frame: Callable[[Frame, TrackResult], None] | None = None,
+    on_frame: Callable[[Frame, Any], None] | None = None,
 ) -> RunSummary:
     """Track a grasp through a source and write the results to a folder.
 
@@ -82,17 +83,18 @@ def run_track(
         keep_inputs((output / name for name in FILES), source.files)
         held.enter_context(hold_folder(output))
         prepare_output(output)
-        run = Run(output, tracker.fingers, source, video, dict(options or {}))
+        run = Run(output, tracker.fingers, source, video, dict(options or {}), scene=hasattr(tracker, "look"))
         ended, error = "failed", ""
         try:
             for frame in source:
-                mask = None if masks is None else masks.mask_for(frame)
-                result = tracker.update(frame.image, time=frame.time, mask=mask)
-                run.write_frame(frame, result)
+                masked = {} if masks is None else {"mask": masks.mask_for(frame)}
+                told = tracker.update(frame.image, time=frame.time, **masked)
+                run.write_frame(frame, told)
                 for recording in recordings:
-                    recording.write(frame, result)
+                    for result in results_of(told):
+                        recording.write(frame, result)
                 if on_frame is not None:
-                    on_frame(frame, result)
+                    on_frame(frame, told)
             for recording in recordings:
                 recording.close()
             ended = "finished"
@@ -110,6 +112,12 @@ def run_track(
                 if not error:  # else what came first is to be told
                     raise
     return summary
+
+
+def results_of(told: TrackResult | SceneResult) -> list[TrackResult]:
+    """What is told of a frame: of one object, or of each instance of a scene."""
+    many = getattr(told, "results", None)
+    return [cast("TrackResult", told)] if many is None else list(many.values())
 
 
 def _close_after_all(recording: Recording) -> None:
@@ -133,10 +141,13 @@ def prepare_output(output: Path) -> None:
 class Run:
     """The files of a run while it goes on; `run_track` drives one, a program with a loop of its own may too.
 
-    `prepare_output` has prepared its folder, `hold_folder` holds it; grasps.csv has columns for as many contacts as `fingers`.
+    `prepare_output` has prepared its folder, `hold_folder` holds it; grasps.csv has columns for as many contacts as `fingers`,
+    and of a scene those of its instances.
     """
 
-    def __init__(self, output: Path, fingers: int, source: Source, video: bool, options: dict[str, Any]) -> None:
+    def __init__(
+        self, output: Path, fingers: int, source: Source, video: bool, options: dict[str, Any], *, scene: bool = False
+    ) -> None:
         from grasptrack import kernels
         from grasptrack.view.summary import Filmstrip
 
@@ -152,8 +163,9 @@ class Run:
         write_json(output / "run.json", {"ended": "running", **self._head, "files": FILES})
         self._start = time.perf_counter()
         self._tally = Tally()
-        self._last: View | None = None
-        self._rows = GraspsCsv(output / "grasps.csv", fingers)
+        self._last: dict[int | None, View] = {}
+        self._instances: dict[int, dict[str, Any]] | None = {} if scene else None
+        self._rows = GraspsCsv(output / "grasps.csv", fingers, scene=scene)
         self._strip: Filmstrip = Filmstrip()
         self._video: VideoWriter | None = None
         if video:
@@ -161,22 +173,38 @@ class Run:
 
             self._video = VideoWriter(output / "overlay.mp4", source.fps)
 
-    def write_frame(self, frame: Frame, result: TrackResult) -> None:
-        """Write one frame's row and picture."""
-        if result.located and result.view is not None:
-            self._last = result.view
-        self._rows.write(result, frame.index, frame.time)
-        self._tally.add(result)
-        wanted = self._strip.wants_frame(frame.index)
+    def write_frame(self, frame: Frame, told: TrackResult | SceneResult) -> None:
+        """Write one frame's row, or one for each instance, and its picture."""
+        for result in results_of(told):
+            if result.located and result.view is not None:
+                self._last[result.instance_id] = result.view
+            self._rows.write(result, frame.index, frame.time)
+            self._tally.add(result)
+            self._count_instance(frame, result)
+        wanted = self._instances is None and self._strip.wants_frame(frame.index)
         if self._video is None and not wanted:
             return
         from grasptrack.view.draw import draw_overlay
+        from grasptrack.view.instances import draw_scene
 
-        drawn = draw_overlay(frame.image, result, number=frame.index, last=self._last)
+        if self._instances is None:
+            drawn = draw_overlay(frame.image, cast("TrackResult", told), number=frame.index, last=self._last.get(None))
+        else:
+            drawn = draw_scene(frame.image, cast("SceneResult", told), self._last)
         if wanted:
             self._strip.add_frame(frame.index, drawn)
         if self._video is not None:
             self._video.write(drawn)
+
+    def _count_instance(self, frame: Frame, result: TrackResult) -> None:
+        if self._instances is None or result.instance_id is None:
+            return
+        start = {"part_id": result.part_id, "first_frame": frame.index, "last_frame": frame.index}
+        known = self._instances.setdefault(
+            result.instance_id, start | dict.fromkeys(("tracked", "unstable", "lost"), 0)
+        )
+        known["last_frame"] = frame.index
+        known[result.status] += 1
 
     def close_files(self, ended: str, error: str, recordings: Sequence[Mapping[str, Any]] = ()) -> RunSummary:
         """Close every file, the fastest first: whoever pressed Ctrl-C may press it again.
@@ -205,13 +233,17 @@ class Run:
         said = {"error": error or " ".join(map(str, problems)), "shortfall": self._source.shortfall}
         if self._source.live:
             self._head["source"] |= {"dropped": self._source.dropped, "reconnected": self._source.reconnected}
-        more = {"recordings": list(recordings)} if recordings else {}
+        more: dict[str, Any] = {"recordings": list(recordings)} if recordings else {}
+        if self._instances is not None:
+            more["instances"] = [{"instance_id": number, **told} for number, told in self._instances.items()]
         content = {
             "ended": summary.ended,
             **{k: v for k, v in said.items() if v},
             **self._head,
             **summary.figures(),
-            "files": [name for name in FILES if name in files or (name == "summary.png" and summary.frames)],
+            "files": [
+                name for name in FILES if name in files or (name == "summary.png" and self._has_summary(summary))
+            ],
             **more,
         }
         writers: tuple[Callable[[], None], ...] = (
@@ -227,8 +259,11 @@ class Run:
             raise problems[0]
         return summary
 
+    def _has_summary(self, summary: RunSummary) -> bool:
+        return bool(summary.frames) and self._instances is None
+
     def _write_summary(self, summary: RunSummary) -> None:
-        if not summary.frames:
+        if not self._has_summary(summary):
             return
         from grasptrack.view.summary import write_summary
 

@@ -188,6 +188,7 @@ class ImagePyramids:
         self._levels: dict[Channel, list[Grey]] = {}
 
     def levels_in(self, channel: Channel) -> list[Grey]:
+        """The pyramid in a mixture of colours."""
         if channel not in self._levels:
             self._levels[channel] = build_pyramid(channel.to_grey(self.colours))
         return self._levels[channel]

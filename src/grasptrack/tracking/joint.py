@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.tracking.equals import NOTICED, Way, way_density
+from grasptrack.tracking.equals import NOTICED, ONE_PLACE, Way, way_density
 from grasptrack.tracking.follower import Follower, Sight
-from grasptrack.tracking.pose import carried_in_front, contact_tolerance, share_in_view, worst_variance
+from grasptrack.tracking.pose import CONTINUOUS, carried_in_front, contact_tolerance, share_in_view, worst_variance
 from grasptrack.tracking.redetection import place_is_empty
 from grasptrack.tracking.rivals import ALIKE_SHARE
 from grasptrack.tracking.target import Grey
@@ -22,6 +22,9 @@ EMPTY_RIGHT = 0.999
 FIT = 0.1
 """Share of a way by which perspective lets parts err that all went that way."""
 
+SAME_WAY = 3.0
+"""px by which motions differ that are one."""
+
 
 class _Member(NamedTuple):
     """One of some equals in an image.
@@ -31,6 +34,7 @@ class _Member(NamedTuple):
         sight: of the image.
         way: where it would be, had it moved as is expected.
         before, now: (m, 2) px, places on it as expected and as found; `now` is None where it is not found.
+        beside: (n, 2) px, its middle as expected on equals that are known and not followed.
     """
 
     follower: Follower
@@ -38,6 +42,7 @@ class _Member(NamedTuple):
     way: Way
     before: Floats
     now: Floats | None
+    beside: Floats
 
     def is_empty_now(self, shift: Floats) -> bool:
         """Whether the image shows all of the place (2,) px beside the expected one, and nothing in it."""
@@ -87,7 +92,7 @@ def alias_probabilities(followers: Sequence[Follower], sights: Sequence[Sight]) 
                 continue
             told = _log_odds(way, usual, members, math.log(least)) - against_own * math.log(1.0 - EMPTY_RIGHT)
             for m, each in zip(found, share.tolist(), strict=True):
-                if _away(m.before + way, m) > _tolerance(m, way):  # else it went that way itself
+                if m.now is not None and not _compare(m.before + way, m.now, m, way)[0]:  # else it went that way itself
                     odds[id(m)] += each * math.exp(min(told, -math.log(least)))
     return [odds[id(m)] / (1.0 + odds[id(m)]) if id(m) in odds else 0.0 for m in members]
 
@@ -98,18 +103,22 @@ def _member_of(follower: Follower, sight: Sight) -> _Member:
     places = target.outline.mean(axis=0)[None] if target.turns or target.is_round else target.work_contacts
     shows = decision.estimate is not None and decision.presence > 0.5 and decision.evidence > 0.0
     now = carried_in_front(decision.estimate.G, places) if shows and decision.estimate is not None else None
-    return _Member(follower, sight, way, carried_in_front(way.G, places), now)
+    if decision.estimate is not None and decision.estimate.origin not in CONTINUOUS:
+        follower.rivals.shows_equals(follower.state.located)
+    beside = carried_in_front(way.G, follower.state.equals + places.mean(axis=0))
+    return _Member(follower, sight, way, carried_in_front(way.G, places), now, beside)
 
 
 def _other_ways(found: Sequence[_Member], members: Sequence[_Member]) -> list[Floats]:
     """(2,) px each, the motions that would carry a part to where another one was found."""
     ways: list[Floats] = []
     for m in found:
-        for other in members:
-            if other is m or m.now is None:
-                continue
-            way = _middle(m.now) - _middle(other.before)
-            if np.isfinite(way).all() and not any(np.hypot(*(way - known)) < _tolerance(m, way) for known in ways):
+        if m.now is None:
+            continue
+        places = [_middle(other.before) for other in members if other is not m]
+        for place in [*places, *m.beside]:
+            way = _middle(m.now) - place
+            if np.isfinite(way).all() and not any(np.hypot(*(way - known)) < SAME_WAY for known in ways):
                 ways.append(way)
     return ways
 
@@ -124,32 +133,33 @@ def _density_ratio(member: _Member, own: Floats, way: Floats) -> float:
 
 
 def _log_odds(way: Floats, usual: Floats, members: Sequence[_Member], least: float) -> float:
-    """What the image and the last one say for a way (2,) px of all, against each being where it was found; `least` is enough."""
+    """What both images say for a way (2,) px of all, against each being where it was found; `least` is enough."""
     told, doubt = 0.0, math.log(1.0 - EMPTY_RIGHT)
     for m in members:
         if told < least:
             break
-        if min((_away(m.before + way, n) for n in members), default=math.inf) > _tolerance(m, way):
-            told += doubt * m.is_empty_now(way)
+        there = [_compare(m.before + way, n.now, m, way) for n in members if n.now is not None]
+        if not any(fits for fits, _ in there):
+            told += doubt * (any(occupied for _, occupied in there) or m.is_empty_now(way))
             if m.now is not None and m.is_shown(way):  # nobody has found this part: where did it come from?
                 told -= doubt * m.was_empty(way - usual)
-        if m.now is not None and min(_away(n.before + way, m) for n in members) > _tolerance(m, way):
-            told += doubt * m.was_empty(_middle(m.now) - _middle(m.before) - way)
+        if m.now is None:
+            continue
+        then = [_compare(m.now - way, n.before, m, way) for n in members]
+        if not any(fits for fits, _ in then):
+            from_there = _middle(m.now) - _middle(m.before) - way
+            told += doubt * (any(occupied for _, occupied in then) or m.was_empty(from_there))
     return told
 
 
-def _away(places: Floats, member: _Member) -> float:
-    """px between places (m, 2) and those of what was found, the worst; infinite where it was not."""
-    if member.now is None or len(member.now) != len(places):
-        return math.inf
-    away = float(np.hypot(*(member.now - places).T).max())
-    return away if math.isfinite(away) else math.inf
-
-
-def _tolerance(member: _Member, way: Floats) -> float:
+def _compare(places: Floats, others: Floats, member: _Member, way: Floats) -> tuple[bool, bool]:
+    """Whether places (m, 2) px of a member that went a way are those of another one, and whether both lie in one place."""
     estimate, state = member.sight.decision.estimate, member.follower.state
     area = state.target.area if estimate is None else estimate.area
-    return contact_tolerance(area, state.numbers) + FIT * math.hypot(*way.tolist())
+    allowed, apart = contact_tolerance(area, state.numbers), _middle(places) - _middle(others)
+    away = math.hypot(*apart.tolist())
+    shares = len(places) == len(others) and float(np.hypot(*(places - others - apart).T).max()) <= allowed
+    return shares and away <= allowed + FIT * math.hypot(*way.tolist()), away < ONE_PLACE * math.sqrt(area)
 
 
 def _middle(places: Floats) -> Floats:

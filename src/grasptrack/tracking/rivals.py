@@ -78,6 +78,8 @@ class Rivals:
                 return decision
             if (state.lost or predictions.anew) and self._lay_there(e, ground):
                 return decision.with_alias(SHOWN_RIGHT)
+        if self.followed and not state.lost:  # what of all of them is most probable is decided by all of them
+            return decision
         if not (len(state.equals) or (e.origin not in CONTINUOUS and self.shows_equals(state.located))):
             return decision
         way = self.expected_way(predictions, pose, steps)

@@ -12,7 +12,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import arguments
 from grasptrack.equality import compared_by_value
@@ -24,6 +24,7 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.images import PLAIN, Grey, to_bgr
 from grasptrack.segmentation.candidate import best_color_projection
 from grasptrack.tracking.answer import Moment, Track, first_result, judge_moved, make_closure_check
+from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import any_of, place_prior
 from grasptrack.tracking.evidence import MAX_EXPONENT
 from grasptrack.tracking.follower import Follower, Registration, Sight
@@ -34,6 +35,7 @@ from grasptrack.tracking.parts import KnownPart, as_parts
 from grasptrack.tracking.pose import PoseEstimate
 from grasptrack.tracking.redetection import make_detector
 from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.state import FRAME_S
 
 
 @compared_by_value
@@ -82,15 +84,20 @@ class SceneTracker:
             are found are followed.
         risk: probability, between 0 and 1, below which an answer may be wrong.
         ignore: (H, W) nonzero where nothing belongs to the scene.
+        belt: (x, y) px/s, how a belt that carries the parts moves in the first image, as for `GraspTracker`.
+        look_every: s, by the images' times, after which `update` also does what `look` does, which takes seconds; None leaves
+            that to the caller.
 
     Raises:
-        InputError: no part, two of one name, an instance of none of them, or a risk out of range.
+        InputError: no part, two of one name, an instance of none of them, a risk out of range, or seconds not above 0.
     """
 
     @arguments.checked(
         instances=arguments.optional(arguments.several),
         risk=arguments.number,
         ignore=arguments.optional(arguments.array(unbounded=True)),
+        belt=arguments.optional(arguments.array(2)),
+        look_every=arguments.optional(arguments.number),
     )
     def __init__(
         self,
@@ -99,7 +106,12 @@ class SceneTracker:
         instances: Sequence[Instance] | None = None,
         risk: float = DEFAULT_RISK,
         ignore: NDArray[Any] | None = None,
+        belt: ArrayLike | None = None,
+        look_every: float | None = None,
     ) -> None:
+        if look_every is not None and not 0.0 < look_every < math.inf:
+            raise InputError(f"look_every must be a positive number of seconds, not {look_every:g}")
+        self._every, self._looked_s, self._now_s = look_every, 0.0, 0.0
         self._parts = {part.name: part for part in as_parts(parts)}
         self.risk = check_risk(risk)
         self._given = None if instances is None else list(instances)
@@ -107,6 +119,8 @@ class SceneTracker:
             if not isinstance(one, Instance) or one.part not in self._parts:
                 raise InputError(f"instances must be some of these parts, not {one!r}")
         self._ignore = ignore
+        moved = None if belt is None else np.asarray(belt, dtype=np.float64)
+        self._before = replace(Beforehand.of_unknown(NUMBERS), belt=moved)
         self._hidden: Grey | None = None
         self._followed: list[_Followed] = []
         self._image: ImagePyramids | None = None
@@ -132,6 +146,7 @@ class SceneTracker:
         if before is not None and before.colours.shape != colours.shape:
             raise SourceError("all images of a scene must have one size and kind", shape=colours.shape)
         self._frame, self._time, self._image = self._frame + 1, time, ImagePyramids(colours)
+        self._now_s = self._frame * FRAME_S if time is None else time
         moment = Moment(self._frame, time, started, repeated=False, sure=True, probability=math.nan)
         if before is None:
             self._hidden = FirstImage.of(ignore=self._ignore).within(colours.shape).hidden
@@ -145,9 +160,13 @@ class SceneTracker:
         left = tuple(each.number for each in self._followed if each.follower.state.has_left)
         for each in self._followed:
             each.is_new = False
+        if before is None:
+            self._looked_s = self._now_s
         if left:
             self._followed = [each for each in self._followed if each.number not in left]
             self._make_acquainted()
+        if self._every is not None and self._now_s - self._looked_s >= self._every:
+            self.look()
         return SceneResult(self._frame, time, told, entered, left, 1000.0 * (clock.perf_counter() - started))
 
     def look(self) -> list[Instance]:
@@ -163,7 +182,7 @@ class SceneTracker:
         """
         if self._image is None:
             raise InputError("look at an image first: call update")
-        colours = self._image.colours
+        colours, self._looked_s = self._image.colours, self._now_s
         hidden = np.zeros(colours.shape[:2], np.uint8) if self._hidden is None else self._hidden.copy()
         for view in [each.view for each in self._followed if not each.follower.state.lost]:
             cv2.fillPoly(hidden, [np.rint(view.outer.points).astype(np.int32)], (255,))
@@ -178,7 +197,9 @@ class SceneTracker:
         for one in new:
             self._count += 1
             part = self._parts[one.part]
-            self._followed.append(_Followed(self._count, one, part, self._image, (self._time, self.risk, self._hidden)))
+            self._followed.append(
+                _Followed(self._count, one, part, self._image, (self._time, self.risk, self._hidden, self._before))
+            )
         if new:
             self._make_acquainted()
         return new
@@ -214,7 +235,7 @@ class _Followed:
         number: its id.
         one, part: the instance and its part.
         image: in which it was found.
-        asked: time of the image in s, the risk, and (H, W) where nothing belongs to the scene.
+        asked: time of the image in s, the risk, (H, W) where nothing belongs to the scene, and what is known beforehand.
     """
 
     def __init__(
@@ -223,16 +244,16 @@ class _Followed:
         one: Instance,
         part: KnownPart,
         image: ImagePyramids,
-        asked: tuple[float | None, float, Grey | None],
+        asked: tuple[float | None, float, Grey | None, Beforehand],
     ) -> None:
         assert one.contacts is not None
-        (time, risk, hidden), colours = asked, image.colours
+        (time, risk, hidden, before), colours = asked, image.colours
         self.number, self.part, self._probability, self.is_new = number, part, one.confidence, True
         self._channel = PLAIN if colours.ndim == 2 else best_color_projection(colours, one.view.outer)
         grey = image.levels_in(self._channel)[0]
         self._grasp, self.view = Grasp(one.contacts), one.view
         observer = make_detector(grey, one.view, hidden)
-        self.follower = Follower(grey, one.view, one.contacts, time, observer, NUMBERS.with_risk(risk))
+        self.follower = Follower(grey, one.view, one.contacts, time, observer, NUMBERS.with_risk(risk), before)
         self._carrier = Registration(self.follower)
         self._track = Track(1, make_closure_check(self._grasp, one.view, part.friction), self._carrier, self.follower)
 
@@ -282,7 +303,10 @@ def share_place(one: View, other: View) -> bool:
 
 def _each_beside_others(members: Sequence[_Followed], sights: Sequence[Sight]) -> list[Sight]:
     """What an image shows of each where none of the others is found: what explains another one speaks for none but that."""
-    claims = [None if s.decision.estimate is None else m.view_at(s.decision.estimate) for m, s in zip(members, sights)]
+    claims = [
+        None if sight.decision.estimate is None else each.view_at(sight.decision.estimate)
+        for each, sight in zip(members, sights, strict=True)
+    ]
     found = []
     for k, (each, sight) in enumerate(zip(members, sights, strict=True)):
         beside = [view for j, view in enumerate(claims) if j != k and view is not None]

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
     from grasptrack.tracking.instances import Instance
     from grasptrack.tracking.parts import KnownPart
+    from grasptrack.tracking.scene import SceneResult
 
 _KIND_RGB = (*CANDIDATE_RGB[1:], style.NEIGHBOUR_RGB, style.CONE_RGB, style.STRATEGY_RGB["homography"])
 """Of parts; the grasp has the colour that is left."""
@@ -43,6 +44,32 @@ def draw_instances(image: NDArray[Any], found: Sequence[Instance]) -> Picture:
     for number, one in enumerate(found, 1):
         blocked = "" if np.isinf(one.room) else ", no room"
         _draw_tag(canvas, f"{number} {one.part}{blocked}" if one.found else f"{one.part}: {one.reason_code}", one.view)
+    return canvas.picture
+
+
+def draw_scene(image: NDArray[Any], told: SceneResult, last: Mapping[int | None, View] | None = None) -> Picture:
+    """The image (H, W, 3) BGR: each instance in the colour of its status with its number; dashed, with the reason, where lost.
+
+    Args:
+        image: grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4), of 8 or 16 bits.
+        told: of this image.
+        last: where each was when it was located last, by its id; what is lost is drawn there.
+    """
+    canvas, known = enlarged_canvas(image), {} if last is None else last
+    views = {number: known.get(number) if r.view is None else r.view for number, r in told.results.items()}
+    for number, result in told.results.items():
+        view, colour = views[number], style.STATUS_RGB[result.status]
+        if view is not None and not result.located:
+            canvas.draw_last_outline(view)
+        elif view is not None and result.contacts is not None:
+            canvas.draw_lines([c.points for c in view.contours], colour, 1.3, casing=2.8, closed=True)
+            canvas.draw_grasp_line(result.contacts, colour)
+            for contact, seen in zip(result.contacts, result.seen if result.seen is not None else (), strict=True):
+                canvas.draw_contact(contact, colour, bool(seen >= 0.5))
+    for number, result in told.results.items():
+        view = views[number]
+        if view is not None:
+            _draw_tag(canvas, f"{number} {result.part_id if result.located else result.reason_code}", view)
     return canvas.picture
 
 
