@@ -138,10 +138,10 @@ class Follower:
         self.follow_beside([])
 
     def follow_beside(self, others: list[TrackState]) -> None:
-        """Its equals that are followed too are no danger to it any more, but that it may be taken for one of them."""
+        """What of its equals is followed too is no danger to it by itself: what all of them did is decided together."""
         self.rivals = Rivals(self.state, self.redetection)
         self.rivals.followed, self.state.equals = others, np.empty((0, 2))
-        self.state.lookalike = self.rivals.shows_equals(self.state.located)
+        self.state.lookalike = self.rivals.shows_equals(self.state.located) and not others
 
     @property
     def target(self) -> Target:
@@ -193,13 +193,16 @@ class Follower:
             levels, predictions, solutions, self._against_rivals(decision, levels, predictions, solutions.expected)
         )
 
-    def reconsider(self, sight: Sight, is_taken: Callable[[PoseEstimate], bool]) -> Sight:
-        """The same of what lies where no other object is found; `is_taken` as of `look_at`."""
+    def reconsider(self, sight: Sight, is_taken: Callable[[PoseEstimate], bool], way: Floats | None) -> Sight:
+        """The same of what lies where no other object is found, and goes with what went a way (2,) px, if any did.
+
+        `is_taken` is as of `look_at`.
+        """
         levels, predictions, solutions, _ = sight
-        left = [e for e in solutions.found if not is_taken(e)]
-        if len(left) == len(solutions.found):
-            return sight
-        solutions.found = left
+        solutions.found = [e for e in solutions.found if not is_taken(e)]
+        if way is not None:
+            contacts = self.target.carried_contacts(self.state.last.G) + way
+            solutions.expected = solutions.expected._replace(contacts=contacts)
         decision = self._against_turns(solutions.decide_among(), solutions, predictions)
         return sight._replace(decision=self._against_rivals(decision, levels, predictions, solutions.expected))
 
@@ -422,7 +425,7 @@ class Follower:
 
     def _learn_from_image(self, levels: list[Grey], decision: Decision, predictions: Predictions) -> None:
         state, e = self.state, decision.estimate
-        if self.rivals.shows_both(decision):
+        if not self.rivals.followed and self.rivals.shows_both(decision):
             state.note_lookalike()
         roughly = (
             decision.code in ("uncertain", "apart", "outline-open") and decision.evidence > 0.0

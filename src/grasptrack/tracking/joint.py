@@ -84,16 +84,17 @@ def alias_probabilities(followers: Sequence[Follower], sights: Sequence[Sight]) 
     if len(members) > 1 and found:
         usual = np.median(list(own.values()), axis=0)
         ways = _other_ways(found, members)
-        shares = np.array([[_density_ratio(m, own[id(m)], way) for m in found] for way in ways]).reshape(-1, len(found))
+        # what all of them do is as probable as for that one of which most is known
+        shares = [min(_density_ratio(m, own[id(m)], way) for m in found) for way in ways]
         least = NOTICED * found[0].follower.state.numbers.risk / max(1, len(ways))
         against_own = sum(m.is_empty_now(usual) for m in members if m.now is None)
         for way, share in zip(ways, shares, strict=True):
-            if share.max() < least:
+            if share < least:
                 continue
             told = _log_odds(way, usual, members, math.log(least)) - against_own * math.log(1.0 - EMPTY_RIGHT)
-            for m, each in zip(found, share.tolist(), strict=True):
+            for m in found:
                 if m.now is not None and not _compare(m.before + way, m.now, m, way)[0]:  # else it went that way itself
-                    odds[id(m)] += each * math.exp(min(told, -math.log(least)))
+                    odds[id(m)] += share * math.exp(min(told, -math.log(least)))
     return [odds[id(m)] / (1.0 + odds[id(m)]) if id(m) in odds else 0.0 for m in members]
 
 

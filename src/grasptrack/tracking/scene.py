@@ -26,16 +26,18 @@ from grasptrack.segmentation.candidate import best_color_projection
 from grasptrack.tracking.answer import Moment, Track, first_result, judge_moved, make_closure_check
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import any_of, place_prior
+from grasptrack.tracking.equals import NOTICED
 from grasptrack.tracking.evidence import MAX_EXPONENT
 from grasptrack.tracking.follower import Follower, Registration, Sight
 from grasptrack.tracking.instances import LEAST_OVERLAP, ImagePyramids, Instance, find, overlap_areas
 from grasptrack.tracking.joint import alias_probabilities
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.parts import KnownPart, as_parts
-from grasptrack.tracking.pose import PoseEstimate
+from grasptrack.tracking.pose import PoseEstimate, mean_point
 from grasptrack.tracking.redetection import make_detector
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.state import FRAME_S
+from grasptrack.typing import Floats
 
 
 @compared_by_value
@@ -193,7 +195,10 @@ class SceneTracker:
         """Follow what is found in the last image from there on."""
         assert self._image is not None
         taken = [each.view for each in self._followed if not each.follower.state.lost]
-        new = [one for one in found if one.found and not any(share_place(one.view, view) for view in taken)]
+        new: list[Instance] = []
+        for one in found:
+            if one.found and not any(share_place(one.view, view) for view in [*taken, *(other.view for other in new)]):
+                new.append(one)
         for one in new:
             self._count += 1
             part = self._parts[one.part]
@@ -266,9 +271,9 @@ class _Followed:
         is_taken = partial(self._lies_on, sure) if sure else None
         return self.follower.look_at(image.levels_in(self._channel), time, is_taken)
 
-    def reconsider(self, sight: Sight, others: Sequence[View]) -> Sight:
-        """What an image shows of it where none of the others lies."""
-        return self.follower.reconsider(sight, partial(self._lies_on, others))
+    def reconsider(self, sight: Sight, others: Sequence[View], way: Floats | None) -> Sight:
+        """What an image shows of it where none of the others lies; `way` as of `Follower.reconsider`."""
+        return self.follower.reconsider(sight, partial(self._lies_on, others), way)
 
     def conclude(self, moment: Moment, sight: Sight, alias: float) -> TrackResult:
         """The result of an image; `alias` as of `Follower.conclude`."""
@@ -302,19 +307,28 @@ def share_place(one: View, other: View) -> bool:
 
 
 def _each_beside_others(members: Sequence[_Followed], sights: Sequence[Sight]) -> list[Sight]:
-    """What an image shows of each where none of the others is found: what explains another one speaks for none but that."""
-    claims = [
-        None if sight.decision.estimate is None else each.view_at(sight.decision.estimate)
-        for each, sight in zip(members, sights, strict=True)
-    ]
+    """What an image shows of each where none of the others is found, and when others went the same way.
+
+    What explains another one speaks for none but that, and two that went one way go with what carries them.
+    """
+    claims: list[View | None] = []
+    ways: list[Floats] = []
+    for each, sight in zip(members, sights, strict=True):
+        e, (target, last) = sight.decision.estimate, (each.follower.target, each.follower.state.last)
+        claims.append(None if e is None else each.view_at(e))
+        ways.append(
+            np.full(2, math.inf) if e is None else np.subtract(e.middle, mean_point(target.carried_contacts(last.G)))
+        )
     found = []
     for k, (each, sight) in enumerate(zip(members, sights, strict=True)):
         beside = [view for j, view in enumerate(claims) if j != k and view is not None]
-        own = claims[k]
-        if sight.decision.is_accepted or own is None or any(share_place(own, view) for view in beside):
+        own, allowed = claims[k], sight.decision.tolerance
+        sure = sight.decision.probability_off < NOTICED * sight.decision.risk
+        if sure or own is None or any(share_place(own, view) for view in beside):
             found.append(sight)
-        else:
-            found.append(each.reconsider(sight, beside))
+            continue
+        alike = [way for j, way in enumerate(ways) if j != k and math.hypot(*(way - ways[k]).tolist()) < allowed]
+        found.append(each.reconsider(sight, beside, np.mean(alike, axis=0) if alike else None))
     return found
 
 
