@@ -39,7 +39,7 @@ SURFACES = ("equal", "own", "kinds")
 IMAGES = 5
 BORDER = 30.0
 """px from the border, within which a part need not be located."""
-PITCH = 1.08, 1.6
+PITCH = 1.05, 1.35
 """Widths of a part along the belt."""
 MOST_BESIDE = 5
 """Parts before and behind the middle of a belt, most of them beyond the view."""
@@ -79,7 +79,7 @@ def draw_run(kinds: Sequence[Kind], level: float, motion: str, surfaces: str, se
         turn = float(rng.uniform(0.0, 2.0 * math.pi))
         wide = max(float(np.ptp(kind.shape.moved(turn, (0.0, 0.0)).outer[:, 0])) for kind in kinds)
         pitch, ends = wide * float(rng.uniform(*PITCH)), motion.startswith("row")
-        count = int(rng.integers(2, 5)) if ends else 2 * MOST_BESIDE + 1
+        count = int(rng.integers(2, 4)) if ends else 2 * MOST_BESIDE + 1
         first = -pitch * (0.5 * (count - 1) + ends * 1.0 * IMAGES * 0.4 * step)
         places = [(first + pitch * k, 0.0, turn) for k in range(count)]
         slide = (step * pitch, 0.0)

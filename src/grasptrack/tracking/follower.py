@@ -137,9 +137,12 @@ class Follower:
         self.rivals = Rivals(self.state, self.redetection)
         self.follow_beside([])
 
-    def follow_beside(self, others: list[TrackState]) -> None:
-        """What of its equals is followed too is no danger to it by itself: what all of them did is decided together."""
-        self.rivals = Rivals(self.state, self.redetection)
+    def follow_beside(self, others: list[TrackState], *, alone: bool = True) -> None:
+        """What of its equals is followed too is no danger to it by itself: what all of them did is decided together.
+
+        Where it is not alone parts come and go, and one that is lost may not be the one that is found.
+        """
+        self.rivals, self._alone = Rivals(self.state, self.redetection), alone
         self.rivals.followed, self.state.equals = others, np.empty((0, 2))
         self.state.lookalike = self.rivals.shows_equals(self.state.located) and not others
 
@@ -437,7 +440,7 @@ class Follower:
         if e is not None and (decision.is_accepted or roughly):
             learn(state, levels, decision, e, predictions)
         else:
-            beside = state.lookalike or bool(self.rivals.followed)
+            beside = state.lookalike or not self._alone
             alike = not state.lost and (beside or self.rivals.shows_equals(state.located))
             lose(state, levels, decision, predictions, lookalike=alike)
 

@@ -45,7 +45,7 @@ class _Member(NamedTuple):
     beside: Floats
 
     def is_empty_now(self, shift: Floats) -> bool:
-        """Whether the image shows all of the place (2,) px beside the expected one, and nothing in it."""
+        """Whether the image shows most of the place (2,) px beside the expected one, and nothing in it."""
         return self._is_empty(_shifted(self.way.G, shift), self.sight.levels)
 
     def was_empty(self, shift: Floats) -> bool:
@@ -55,8 +55,7 @@ class _Member(NamedTuple):
 
     def _is_empty(self, G: Floats, levels: list[Grey]) -> bool:
         state = self.follower.state
-        seen = share_in_view(G, state.target.outline, levels[0]) == 1.0
-        return seen and place_is_empty(state.target, state.located, levels, G)
+        return place_is_empty(state.target, state.located, levels, G)
 
     def is_shown(self, shift: Floats) -> bool:
         """Whether the image shows a part (2,) px beside the expected place."""

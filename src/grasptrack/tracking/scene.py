@@ -25,7 +25,7 @@ from grasptrack.images import PLAIN, Grey, to_bgr
 from grasptrack.segmentation.candidate import best_color_projection
 from grasptrack.tracking.answer import Moment, Track, first_result, judge_moved, make_closure_check
 from grasptrack.tracking.camera import Beforehand
-from grasptrack.tracking.decision import any_of, place_prior
+from grasptrack.tracking.decision import SEEN_LIKE, any_of, place_prior
 from grasptrack.tracking.equals import NOTICED
 from grasptrack.tracking.evidence import MAX_EXPONENT
 from grasptrack.tracking.follower import Follower, Registration, Sight
@@ -33,7 +33,7 @@ from grasptrack.tracking.instances import LEAST_OVERLAP, ImagePyramids, Instance
 from grasptrack.tracking.joint import alias_probabilities
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.parts import KnownPart, as_parts
-from grasptrack.tracking.pose import PoseEstimate, mean_point
+from grasptrack.tracking.pose import CONTINUOUS, PoseEstimate, mean_point
 from grasptrack.tracking.redetection import make_detector
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.state import FRAME_S
@@ -212,7 +212,7 @@ class SceneTracker:
     def _make_acquainted(self) -> None:
         for each in self._followed:
             others = [other for other in self._followed if other is not each and other.part.name == each.part.name]
-            each.follower.follow_beside([other.follower.state for other in others])
+            each.follower.follow_beside([other.follower.state for other in others], alone=len(self._followed) == 1)
 
     def _follow(self, image: ImagePyramids, moment: Moment) -> list[TrackResult]:
         """The results of a later image: of what was not lost before, then of what is looked for beside that."""
@@ -228,6 +228,7 @@ class SceneTracker:
             aliases = _shared_places(members, sights)
             if not sure:
                 aliases = _with_equals(members, sights, aliases)
+                aliases = [any_of(*each) for each in zip(aliases, _newcomers(members, sights), strict=True)]
             for each, sight, alias in zip(members, sights, aliases, strict=True):
                 told[each.number] = each.conclude(moment, sight, alias)
         return [told[each.number] for each in self._followed]
@@ -312,24 +313,41 @@ def _each_beside_others(members: Sequence[_Followed], sights: Sequence[Sight]) -
     What explains another one speaks for none but that, and two that went one way go with what carries them.
     """
     claims: list[View | None] = []
-    ways: list[Floats] = []
     for each, sight in zip(members, sights, strict=True):
-        e, (target, last) = sight.decision.estimate, (each.follower.target, each.follower.state.last)
+        e = sight.decision.estimate
         claims.append(None if e is None else each.view_at(e))
-        ways.append(
-            np.full(2, math.inf) if e is None else np.subtract(e.middle, mean_point(target.carried_contacts(last.G)))
-        )
+    ways = [_way_of(each, sight) for each, sight in zip(members, sights, strict=True)]
     found = []
     for k, (each, sight) in enumerate(zip(members, sights, strict=True)):
         beside = [view for j, view in enumerate(claims) if j != k and view is not None]
-        own, allowed = claims[k], sight.decision.tolerance
+        own, way = claims[k], ways[k]
         sure = sight.decision.probability_off < NOTICED * sight.decision.risk
-        if sure or own is None or any(share_place(own, view) for view in beside):
+        if sure or own is None or way is None or any(share_place(own, view) for view in beside):
             found.append(sight)
             continue
-        alike = [way for j, way in enumerate(ways) if j != k and math.hypot(*(way - ways[k]).tolist()) < allowed]
+        near = [other - way for j, other in enumerate(ways) if j != k and other is not None]
+        alike = [way + off for off in near if math.hypot(*off.tolist()) < sight.decision.tolerance]
         found.append(each.reconsider(sight, beside, np.mean(alike, axis=0) if alike else None))
     return found
+
+
+def _newcomers(members: Sequence[_Followed], sights: Sequence[Sight]) -> list[float]:
+    """Probability of each that it is another part, which has just come: found by a search, where nothing carries the others."""
+    found = [0.0] * len(members)
+    ways = [_way_of(each, sight) for each, sight in zip(members, sights, strict=True)]
+    told = [way for way in ways if way is not None]
+    for k, (way, sight) in enumerate(zip(ways, sights, strict=True)):
+        e = sight.decision.estimate
+        if len(told) > 1 and way is not None and e is not None and e.origin not in CONTINUOUS:
+            away = np.median(told, axis=0) - way
+            found[k] = SEEN_LIKE * (math.hypot(*away.tolist()) > sight.decision.tolerance)
+    return found
+
+
+def _way_of(each: _Followed, sight: Sight) -> Floats | None:
+    """(2,) px from where an object was to where it is found; None where it is not."""
+    e, (target, last) = sight.decision.estimate, (each.follower.target, each.follower.state.last)
+    return None if e is None else np.subtract(e.middle, mean_point(target.carried_contacts(last.G)))
 
 
 def _shared_places(members: Sequence[_Followed], sights: Sequence[Sight]) -> list[float]:
