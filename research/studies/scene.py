@@ -20,6 +20,7 @@ import numpy as np
 
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography, rotation_about_z
+from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.scene import SceneResult, SceneTracker
 from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.simulation import SHAPES, Path, Pinhole, Scene
@@ -37,6 +38,8 @@ STEPS = 0.05, 0.15, 0.3, 0.45, 0.55, 0.7, 0.8
 MOTIONS = ("rest", "pushed", *(f"{row} {100 * s:.0f} %" for row in ("row", "belt") for s in STEPS))
 SURFACES = ("equal", "own", "kinds")
 IMAGES = 5
+FIRST_ERROR = 4.0
+"""px by which contacts of the first image are off at most, for a part to be known for the one that was found."""
 BORDER = 30.0
 """px from the border, within which a part need not be located."""
 PITCH = 1.05, 1.35
@@ -119,53 +122,42 @@ def scattered(kinds: Sequence[Kind], rng: np.random.Generator) -> list[tuple[flo
     return found[:8]
 
 
-def contact_places(run: Run, image: int, part: int) -> list[Floats]:
-    """(k, 2) px of a part's contacts, for each of the turns in which its outline fits itself."""
-    kind = run.kinds[part]
-    contacts = apply_homography(np.linalg.inv(kind.H), kind.part.grasps[0].contacts)
-    ways = [run.places[image][part] @ rotation_about_z(turn) for turn in (0.0, *kind.turns)]
-    return [apply_homography(H, contacts) for H in ways]
-
-
 def judge(run: Run, told: Sequence[SceneResult]) -> Outcome:
-    """What became of the parts that were found in the first image."""
-
-    def error(contacts: Floats, image: int, part: int, way: int | None = None) -> tuple[float, int]:
-        places = contact_places(run, image, part)
-        off = [float(np.hypot(*(place - contacts).T).max()) for place in places]
-        k = int(np.argmin(off)) if way is None else way
-        return off[k], k
-
-    meant: dict[int, tuple[int, int]] = {}
+    """What became of the parts that were found in the first image, and of the places on them that were chosen there."""
+    meant: dict[int, tuple[int, Floats]] = {}
     for number, result in told[0].results.items():
-        if result.contacts is None:
-            continue
         errors = {
-            part: error(result.contacts, 0, part)
-            for part, kind in enumerate(run.kinds)
-            if kind.part.name == result.part_id
+            k: nearest_error(run, k, result) for k, kind in enumerate(run.kinds) if kind.part.name == result.part_id
         }
-        part = min(errors, key=lambda each: errors[each][0])
-        if errors[part][0] < 4.0:
-            meant[number] = part, errors[part][1]
+        part = min(errors, key=lambda each: errors[each])
+        if result.contacts is not None and errors[part] < FIRST_ERROR:
+            meant[number] = part, apply_homography(np.linalg.inv(run.places[0][part]), result.contacts)
     asked = located = switched = wrong = 0
     for image, seen_in in enumerate(told[1:], 1):
-        for number, (part, way) in meant.items():
-            answer = seen_in.results.get(number)
-            seen = np.array(contact_places(run, image, part)[way])
+        for number, (part, contacts) in meant.items():
+            answer, seen = seen_in.results.get(number), apply_homography(run.places[image][part], contacts)
             held = bool(((seen > BORDER) & (seen < np.array([CAMERA.width, CAMERA.height]) - BORDER)).all())
             if not held and (answer is None or answer.contacts is None):
                 continue
             asked += 1
             if answer is None or answer.contacts is None or answer.view is None:
                 continue
-            limit = max(3.0, 0.04 * math.sqrt(answer.view.outer.area))
-            off = error(answer.contacts, image, part, way)[0]
-            others = [error(answer.contacts, image, k)[0] for k in range(len(run.kinds)) if k != part]
-            located += off <= limit
-            switched += off > limit and min(others, default=math.inf) <= limit
-            wrong += off > limit and min(others, default=math.inf) > limit
+            limit, found = max(3.0, 0.04 * math.sqrt(answer.view.outer.area)), answer.contacts
+            off = [float(np.hypot(*(apply_homography(H, contacts) - found).T).max()) for H in run.places[image]]
+            right, other = off[part] <= limit, min([*off[:part], *off[part + 1 :], math.inf]) <= limit
+            located, switched = located + right, switched + (other and not right)
+            wrong += not (right or other)
     return Outcome(asked, located, switched, wrong, len(meant), [each.latency_ms for each in told[1:]])
+
+
+def nearest_error(run: Run, part: int, result: TrackResult) -> float:
+    """px by which contacts of the first image are off on a part, by the nearest turn in which its outline fits itself."""
+    if result.contacts is None:
+        return math.inf
+    kind = run.kinds[part]
+    contacts = apply_homography(np.linalg.inv(kind.H), kind.part.grasps[0].contacts)
+    ways = [run.places[0][part] @ rotation_about_z(turn) for turn in (0.0, *kind.turns)]
+    return min(float(np.hypot(*(apply_homography(H, contacts) - result.contacts).T).max()) for H in ways)
 
 
 def run_case(names: Sequence[str], motion: str, surfaces: str, seed: int, pictures: File | None) -> Outcome | None:

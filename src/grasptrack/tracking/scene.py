@@ -212,7 +212,7 @@ class SceneTracker:
     def _make_acquainted(self) -> None:
         for each in self._followed:
             others = [other for other in self._followed if other is not each and other.part.name == each.part.name]
-            each.follower.follow_beside([other.follower.state for other in others], alone=len(self._followed) == 1)
+            each.follower.follow_beside([other.follower.state for other in others], alone=self._count == 1)
 
     def _follow(self, image: ImagePyramids, moment: Moment) -> list[TrackResult]:
         """The results of a later image: of what was not lost before, then of what is looked for beside that."""
@@ -228,7 +228,8 @@ class SceneTracker:
             aliases = _shared_places(members, sights)
             if not sure:
                 aliases = _with_equals(members, sights, aliases)
-                aliases = [any_of(*each) for each in zip(aliases, _newcomers(members, sights), strict=True)]
+                came = _newcomers(members, sights) if self._count > 1 else [0.0] * len(members)
+                aliases = [any_of(*each) for each in zip(aliases, came, strict=True)]
             for each, sight, alias in zip(members, sights, aliases, strict=True):
                 told[each.number] = each.conclude(moment, sight, alias)
         return [told[each.number] for each in self._followed]
@@ -335,12 +336,13 @@ def _newcomers(members: Sequence[_Followed], sights: Sequence[Sight]) -> list[fl
     """Probability of each that it is another part, which has just come: found by a search, where nothing carries the others."""
     found = [0.0] * len(members)
     ways = [_way_of(each, sight) for each, sight in zip(members, sights, strict=True)]
-    told = [way for way in ways if way is not None]
     for k, (way, sight) in enumerate(zip(ways, sights, strict=True)):
         e = sight.decision.estimate
-        if len(told) > 1 and way is not None and e is not None and e.origin not in CONTINUOUS:
-            away = np.median(told, axis=0) - way
-            found[k] = SEEN_LIKE * (math.hypot(*away.tolist()) > sight.decision.tolerance)
+        if way is None or e is None or e.origin in CONTINUOUS:
+            continue
+        others = [other for j, other in enumerate(ways) if j != k and other is not None]
+        away = math.hypot(*(np.median(others, axis=0) - way).tolist()) if others else math.inf
+        found[k] = SEEN_LIKE * (away > sight.decision.tolerance)
     return found
 
 
