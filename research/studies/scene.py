@@ -50,7 +50,7 @@ PUSH = 0.12
 """Table units an image."""
 
 
-class Run(NamedTuple):
+class Filmed(NamedTuple):
     """Images, and in each of them (N, 3, 3) from the plane of each part to the image; the parts' kinds."""
 
     images: list[Pixels]
@@ -58,7 +58,7 @@ class Run(NamedTuple):
     kinds: list[Kind]
 
 
-class Outcome(NamedTuple):
+class SceneTally(NamedTuple):
     """Of answers about parts in view: how many there were, were located, switched, wrong; and ms of each later image."""
 
     asked: int
@@ -69,7 +69,7 @@ class Outcome(NamedTuple):
     ms: list[float]
 
 
-def draw_run(kinds: Sequence[Kind], level: float, motion: str, surfaces: str, seed: int) -> Run:
+def draw_run(kinds: Sequence[Kind], level: float, motion: str, surfaces: str, seed: int) -> Filmed:
     """What a camera sees of parts that are moved so."""
     rng = np.random.default_rng((seed, 3))
     frames = np.arange(IMAGES)
@@ -106,7 +106,7 @@ def draw_run(kinds: Sequence[Kind], level: float, motion: str, surfaces: str, se
         )  # fmt: skip
         images.append(scene[k].image)
         truth.append(np.array([to_image[k] @ each.place(0.0) for each in lying]))
-    return Run(images, truth, own)
+    return Filmed(images, truth, own)
 
 
 def scattered(kinds: Sequence[Kind], rng: np.random.Generator) -> list[tuple[float, float, float]]:
@@ -122,7 +122,7 @@ def scattered(kinds: Sequence[Kind], rng: np.random.Generator) -> list[tuple[flo
     return found[:8]
 
 
-def judge(run: Run, told: Sequence[SceneResult]) -> Outcome:
+def judge(run: Filmed, told: Sequence[SceneResult]) -> SceneTally:
     """What became of the parts that were found in the first image, and of the places on them that were chosen there."""
     meant: dict[int, tuple[int, Floats]] = {}
     for number, result in told[0].results.items():
@@ -147,10 +147,10 @@ def judge(run: Run, told: Sequence[SceneResult]) -> Outcome:
             right, other = off[part] <= limit, min([*off[:part], *off[part + 1 :], math.inf]) <= limit
             located, switched = located + right, switched + (other and not right)
             wrong += not (right or other)
-    return Outcome(asked, located, switched, wrong, len(meant), [each.latency_ms for each in told[1:]])
+    return SceneTally(asked, located, switched, wrong, len(meant), [each.latency_ms for each in told[1:]])
 
 
-def nearest_error(run: Run, part: int, result: TrackResult) -> float:
+def nearest_error(run: Filmed, part: int, result: TrackResult) -> float:
     """px by which contacts of the first image are off on a part, by the nearest turn in which its outline fits itself."""
     if result.contacts is None:
         return math.inf
@@ -160,7 +160,7 @@ def nearest_error(run: Run, part: int, result: TrackResult) -> float:
     return min(float(np.hypot(*(apply_homography(H, contacts) - result.contacts).T).max()) for H in ways)
 
 
-def run_case(names: Sequence[str], motion: str, surfaces: str, seed: int, pictures: File | None) -> Outcome | None:
+def run_case(names: Sequence[str], motion: str, surfaces: str, seed: int, pictures: File | None) -> SceneTally | None:
     """One run, followed; None where nothing could be taught."""
     rng = np.random.default_rng(seed)
     level = float(rng.uniform(40.0, 75.0) if rng.uniform() < 0.5 else rng.uniform(165.0, 205.0))
@@ -184,7 +184,7 @@ def run_case(names: Sequence[str], motion: str, surfaces: str, seed: int, pictur
     return judge(run, told)
 
 
-def row_of(name: str, found: Sequence[Outcome]) -> list[Any]:
+def row_of(name: str, found: Sequence[SceneTally]) -> list[Any]:
     """A row of the table."""
     asked, ms = sum(each.asked for each in found), [ms for each in found for ms in each.ms]
     located, parts = sum(each.located for each in found), sum(each.parts for each in found)
@@ -206,7 +206,7 @@ def main() -> None:
     asked = parser.parse_args()
     names = (KEPT_BACK if asked.shapes == "kept-back" else asked.shapes).split(",")
     common.begin_section("Parts that are followed together")
-    rows, every = [], list[Outcome]()
+    rows, every = [], list[SceneTally]()
     for motion in asked.motions.split(","):
         found = [
             told

@@ -177,7 +177,7 @@ class FollowedGrasp(CarriedGrasp):
 
 
 @dataclass(frozen=True)
-class SceneOptions:
+class PartsOptions:
     """Parts on file of which every instance is followed."""
 
     part: Annotated[

@@ -47,7 +47,7 @@ def track(
     first: first_image.MaskedFrames,
     hand: options.HandSize,
     known: options.KnownGeometry,
-    scene: options.SceneOptions,
+    scene: options.PartsOptions,
     images: options.SourceOptions,
     start: Annotated[
         int,
@@ -223,7 +223,7 @@ def _refuse_unsuited(*groups: Any) -> None:
 
 def _track_scene(
     reading: tuple[str, options.SourceOptions, int],
-    scene: options.SceneOptions,
+    scene: options.PartsOptions,
     said: tuple[float, str | None, str | None],
     writing: tuple[Path, options.RecordingOptions, bool, bool],
 ) -> None:

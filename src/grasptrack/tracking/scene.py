@@ -169,7 +169,7 @@ class SceneTracker:
             self._make_acquainted()
         if self._every is not None and self._now_s - self._looked_s >= self._every:
             self.look()
-        return SceneResult(self._frame, time, told, entered, left, 1000.0 * (clock.perf_counter() - started))
+        return SceneResult(self._frame, time, told, entered, left, 1000 * (clock.perf_counter() - started))
 
     def look(self) -> list[Instance]:
         """Look in the last image for parts that are not followed, as those that have come into view, and follow them too.
