@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack.tracking.equals import NOTICED, ONE_PLACE, Way, way_density
+from grasptrack.tracking.evidence import MAX_EXPONENT
 from grasptrack.tracking.follower import Follower, Sight
 from grasptrack.tracking.pose import CONTINUOUS, carried_in_front, contact_tolerance, share_in_view, worst_variance
 from grasptrack.tracking.redetection import place_is_empty
@@ -84,16 +85,20 @@ def alias_probabilities(followers: Sequence[Follower], sights: Sequence[Sight]) 
         usual = np.median(list(own.values()), axis=0)
         ways = _other_ways(found, members)
         # what all of them do is as probable as for that one of which most is known
-        shares = [min(_density_ratio(m, own[id(m)], way) for m in found) for way in ways]
+        shares = np.min([_density_ratios(m, own[id(m)], ways) for m in found], axis=0)
         least = NOTICED * found[0].follower.state.numbers.risk / max(1, len(ways))
         against_own = sum(m.is_empty_now(usual) for m in members if m.now is None)
-        for way, share in zip(ways, shares, strict=True):
-            if share < least:
+        tried: list[Floats] = []
+        for k in np.argsort(-shares, kind="stable").tolist():
+            way, share = ways[k], float(shares[k])
+            if share < least or any(math.hypot(*(way - known).tolist()) < SAME_WAY for known in tried):
                 continue
-            told = _log_odds(way, usual, members, math.log(least)) - against_own * math.log(1.0 - EMPTY_RIGHT)
+            tried.append(way)
+            told = _log_odds(way, usual, members, math.log(least / share))
+            told -= against_own * math.log(1.0 - EMPTY_RIGHT)
             for m in found:
                 if m.now is not None and not _compare(m.before + way, m.now, m, way)[0]:  # else it went that way itself
-                    odds[id(m)] += share * math.exp(min(told, -math.log(least)))
+                    odds[id(m)] += share * math.exp(min(told, MAX_EXPONENT))
     return [odds[id(m)] / (1.0 + odds[id(m)]) if id(m) in odds else 0.0 for m in members]
 
 
@@ -109,27 +114,24 @@ def _member_of(follower: Follower, sight: Sight) -> _Member:
     return _Member(follower, sight, way, carried_in_front(way.G, places), now, beside)
 
 
-def _other_ways(found: Sequence[_Member], members: Sequence[_Member]) -> list[Floats]:
-    """(2,) px each, the motions that would carry a part to where another one was found."""
-    ways: list[Floats] = []
+def _other_ways(found: Sequence[_Member], members: Sequence[_Member]) -> Floats:
+    """(n, 2) px, the motions that would carry a part to where another one was found."""
+    ways = []
     for m in found:
-        if m.now is None:
-            continue
-        places = [_middle(other.before) for other in members if other is not m]
-        for place in [*places, *m.beside]:
-            way = _middle(m.now) - place
-            if np.isfinite(way).all() and not any(np.hypot(*(way - known)) < SAME_WAY for known in ways):
-                ways.append(way)
-    return ways
+        if m.now is not None:
+            ways += [_middle(m.now) - _middle(other.before) for other in members if other is not m]
+            ways += list(_middle(m.now) - m.beside)
+    told = np.array(ways).reshape(-1, 2)
+    return told[np.isfinite(told).all(axis=1)]
 
 
-def _density_ratio(member: _Member, own: Floats, way: Floats) -> float:
-    """How much more probable a way is than its own, by what is known of how it moves."""
+def _density_ratios(member: _Member, own: Floats, ways: Floats) -> Floats:
+    """(n,) how much more probable each of the ways (n, 2) is than its own, by what is known of how it moves."""
     estimate, spread = member.sight.decision.estimate, member.way.spread
     assert estimate is not None
-    squares = np.array([float(own @ own), float(way @ way)]).clip(worst_variance(estimate.covariance)) / estimate.area
+    squares = np.append((ways**2).sum(axis=1), own @ own).clip(worst_variance(estimate.covariance)) / estimate.area
     density = 1.0 / squares if spread is None else way_density(squares, spread, member.follower.state.numbers)
-    return float(density[1] / density[0])
+    return np.asarray(density[:-1] / density[-1], dtype=np.float64)
 
 
 def _log_odds(way: Floats, usual: Floats, members: Sequence[_Member], least: float) -> float:

@@ -26,7 +26,6 @@ from grasptrack.segmentation.candidate import best_color_projection
 from grasptrack.tracking.answer import Moment, Track, first_result, judge_moved, make_closure_check
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import SEEN_LIKE, any_of, place_prior
-from grasptrack.tracking.equals import NOTICED
 from grasptrack.tracking.evidence import MAX_EXPONENT
 from grasptrack.tracking.follower import Follower, Registration, Sight
 from grasptrack.tracking.instances import LEAST_OVERLAP, ImagePyramids, Instance, find, overlap_areas
@@ -38,6 +37,9 @@ from grasptrack.tracking.redetection import make_detector
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.state import FRAME_S
 from grasptrack.typing import Floats
+
+UNCLEAR = 0.3
+"""Share of the risk from which on it is asked what the others did."""
 
 
 @compared_by_value
@@ -194,11 +196,13 @@ class SceneTracker:
     def _begin(self, found: Sequence[Instance]) -> list[Instance]:
         """Follow what is found in the last image from there on."""
         assert self._image is not None
-        taken = [each.view for each in self._followed if not each.follower.state.lost]
+        taken = [Place(each.view) for each in self._followed if not each.follower.state.lost]
         new: list[Instance] = []
         for one in found:
-            if one.found and not any(share_place(one.view, view) for view in [*taken, *(other.view for other in new)]):
+            place = Place(one.view)
+            if one.found and not any(place.is_shared(other) for other in taken):
                 new.append(one)
+                taken.append(place)
         for one in new:
             self._count += 1
             part = self._parts[one.part]
@@ -222,7 +226,7 @@ class SceneTracker:
             [e for e in self._followed if e.number not in lost],
             [e for e in self._followed if e.number in lost],
         ):
-            sure = [result.view for result in told.values() if result.view is not None]
+            sure = [Place(result.view) for result in told.values() if result.view is not None]
             sights = [each.look_at(image, moment.time, sure) for each in members]
             sights = _each_beside_others(members, sights)
             aliases = _shared_places(members, sights)
@@ -268,12 +272,12 @@ class _Followed:
         """Of the image in which it was found."""
         return self._named(first_result(self._at(moment), self._track, self._grasp, self.view))
 
-    def look_at(self, image: ImagePyramids, time: float | None, sure: Sequence[View]) -> Sight:
+    def look_at(self, image: ImagePyramids, time: float | None, sure: Sequence[Place]) -> Sight:
         """What the next image shows of it where none of those lies that surely lie there."""
         is_taken = partial(self._lies_on, sure) if sure else None
         return self.follower.look_at(image.levels_in(self._channel), time, is_taken)
 
-    def reconsider(self, sight: Sight, others: Sequence[View], way: Floats | None) -> Sight:
+    def reconsider(self, sight: Sight, others: Sequence[Place], way: Floats | None) -> Sight:
         """What an image shows of it where none of the others lies; `way` as of `Follower.reconsider`."""
         return self.follower.reconsider(sight, partial(self._lies_on, others), way)
 
@@ -284,16 +288,16 @@ class _Followed:
         self.view = self.view if result.view is None else result.view
         return self._named(result)
 
-    def view_at(self, estimate: PoseEstimate) -> View | None:
-        """Its outer outline where an estimate has it; None where that is nowhere."""
+    def place_at(self, estimate: PoseEstimate) -> Place | None:
+        """Where an estimate has it; None where that is nowhere."""
         try:
-            return View(Contour.trusted(apply_homography(estimate.G, self.follower.target.outline)))
+            return Place(View(Contour.trusted(apply_homography(estimate.G, self.follower.target.outline))))
         except ConditioningError:
             return None
 
-    def _lies_on(self, views: Sequence[View], estimate: PoseEstimate) -> bool:
-        own = self.view_at(estimate)
-        return own is not None and any(share_place(own, view) for view in views)
+    def _lies_on(self, places: Sequence[Place], estimate: PoseEstimate) -> bool:
+        own = self.place_at(estimate)
+        return own is not None and any(own.is_shared(place) for place in places)
 
     def _at(self, moment: Moment) -> Moment:
         return moment._replace(probability=self._probability)
@@ -302,10 +306,20 @@ class _Followed:
         return replace(result, instance_id=self.number, part_id=self.part.name)
 
 
-def share_place(one: View, other: View) -> bool:
-    """Whether two outlines have so much in common that no two parts lie so: a small one on a large one may."""
-    both, *areas = overlap_areas(View(one.outer), View(other.outer))
-    return both > LEAST_OVERLAP * max(1, *areas)
+class Place:
+    """Where an outline lies."""
+
+    def __init__(self, view: View) -> None:
+        self.view, points = View(view.outer), view.outer.points
+        self._low, self._high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+
+    def is_shared(self, other: Place) -> bool:
+        """Whether two have so much in common that no two parts lie so: a small one on a large one may."""
+        (x, y), (u, v), (a, b), (c, d) = self._low, self._high, other._low, other._high
+        if u < a or c < x or v < b or d < y:
+            return False
+        both, *areas = overlap_areas(self.view, other.view)
+        return both > LEAST_OVERLAP * max(1, *areas)
 
 
 def _each_beside_others(members: Sequence[_Followed], sights: Sequence[Sight]) -> list[Sight]:
@@ -313,17 +327,17 @@ def _each_beside_others(members: Sequence[_Followed], sights: Sequence[Sight]) -
 
     What explains another one speaks for none but that, and two that went one way go with what carries them.
     """
-    claims: list[View | None] = []
+    claims: list[Place | None] = []
     for each, sight in zip(members, sights, strict=True):
         e = sight.decision.estimate
-        claims.append(None if e is None else each.view_at(e))
+        claims.append(None if e is None else each.place_at(e))
     ways = [_way_of(each, sight) for each, sight in zip(members, sights, strict=True)]
     found = []
     for k, (each, sight) in enumerate(zip(members, sights, strict=True)):
-        beside = [view for j, view in enumerate(claims) if j != k and view is not None]
+        beside = [place for j, place in enumerate(claims) if j != k and place is not None]
         own, way = claims[k], ways[k]
-        sure = sight.decision.probability_off < NOTICED * sight.decision.risk
-        if sure or own is None or way is None or any(share_place(own, view) for view in beside):
+        sure = sight.decision.probability_off < UNCLEAR * sight.decision.risk
+        if sure or own is None or way is None or any(own.is_shared(place) for place in beside):
             found.append(sight)
             continue
         near = [other - way for j, other in enumerate(ways) if j != k and other is not None]
@@ -354,16 +368,16 @@ def _way_of(each: _Followed, sight: Sight) -> Floats | None:
 
 def _shared_places(members: Sequence[_Followed], sights: Sequence[Sight]) -> list[float]:
     """Probability of each that what it is taken for is another one that is found in its place."""
-    views: list[View | None] = []
+    places: list[Place | None] = []
     worth: list[float] = []
     for each, sight in zip(members, sights, strict=True):
         e = sight.decision.estimate
-        views.append(each.view_at(e) if e is not None and sight.decision.is_accepted else None)
+        places.append(each.place_at(e) if e is not None and sight.decision.is_accepted else None)
         prior = 0.0 if e is None else place_prior(e, sight.solutions.expected, each.follower.target.numbers)
         worth.append(sight.decision.evidence + prior)
     found = []
-    for k, view in enumerate(views):
-        rivals = [j for j, other in enumerate(views) if j != k and view and other and share_place(view, other)]
+    for k, own in enumerate(places):
+        rivals = [j for j, other in enumerate(places) if j != k and own and other and own.is_shared(other)]
         less = [min(worth[k] - worth[j], MAX_EXPONENT) for j in rivals]
         found.append(any_of(*(1.0 / (1.0 + math.exp(max(each, -MAX_EXPONENT))) for each in less)))
     return found
