@@ -103,7 +103,7 @@ def track(
       grasptrack track video.mp4 --risk 1e-5 --tolerance 2%
       grasptrack track video.mp4 --start 2 --wait --next
       grasptrack track video.mp4 --camera camera.yaml --length 120mm
-      grasptrack track belt.mp4 --part flange.part --all
+      grasptrack track video.mp4 --part flange.part --all
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """
     if videos := _videos_of(source):

@@ -142,9 +142,12 @@ class Follower:
 
         Where it is not alone parts come and go, and one that is lost may not be the one that is found.
         """
-        self.rivals, self._alone = Rivals(self.state, self.redetection), alone
-        self.rivals.followed, self.state.equals = others, np.empty((0, 2))
-        self.state.lookalike = self.rivals.shows_equals(self.state.located) and not others
+        self.rivals.followed, self._alone = others, alone
+        if (
+            not self.state.accepted and not self.state.lost
+        ):  # only now it is known which of its first image are followed
+            self.rivals.forget_equals()
+            self.state.lookalike = self.rivals.shows_equals(self.state.located) and not others
 
     @property
     def target(self) -> Target:

@@ -146,6 +146,10 @@ class Rivals:
                 )
         return bool(len(state.equals))
 
+    def forget_equals(self) -> None:
+        """Look for them anew."""
+        self._looked_at, self.state.equals = None, np.empty((0, 2))
+
     def _find_lookalikes(self, look: Look) -> list[PoseEstimate]:
         """What a look at the object shows elsewhere that is just like it."""
         state = self.state

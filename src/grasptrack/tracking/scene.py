@@ -38,6 +38,8 @@ from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.state import FRAME_S
 from grasptrack.typing import Floats
 
+GIVEN_UP_S = 10.0
+"""s after which what is lost is not looked for any more: each that is lost takes as long as ten that are not."""
 UNCLEAR = 0.3
 """Share of the risk from which on it is asked what the others did."""
 
@@ -52,7 +54,7 @@ class SceneResult:
         time: s, or None where the source has no times.
         results: of each instance that is followed, by its `instance_id`.
         entered: ids that are told for the first time.
-        left: ids that went out over the image's border, and are told for the last time.
+        left: ids that went out over the image's border, or were not seen for 10 s, and are told for the last time.
         latency_ms: time that the update took.
     """
 
@@ -161,7 +163,7 @@ class SceneTracker:
             results = self._follow(self._image, moment)
         told = {each.number: result for each, result in zip(self._followed, results, strict=True)}
         entered = tuple(each.number for each in self._followed if each.is_new)
-        left = tuple(each.number for each in self._followed if each.follower.state.has_left)
+        left = tuple(each.number for each in self._followed if each.has_left)
         for each in self._followed:
             each.is_new = False
         if before is None:
@@ -222,15 +224,14 @@ class SceneTracker:
         """The results of a later image: of what was not lost before, then of what is looked for beside that."""
         told: dict[int, TrackResult] = {}
         lost = {each.number for each in self._followed if each.follower.state.lost}
-        for members in (
-            [e for e in self._followed if e.number not in lost],
-            [e for e in self._followed if e.number in lost],
-        ):
+        for late in (False, True):
+            members = [each for each in self._followed if (each.number in lost) is late]
             sure = [Place(result.view) for result in told.values() if result.view is not None]
             sights = [each.look_at(image, moment.time, sure) for each in members]
-            sights = _each_beside_others(members, sights)
+            if not late:
+                sights = _each_beside_others(members, sights)
             aliases = _shared_places(members, sights)
-            if not sure:
+            if not late:
                 aliases = _with_equals(members, sights, aliases)
                 came = _newcomers(members, sights) if self._count > 1 else [0.0] * len(members)
                 aliases = [any_of(*each) for each in zip(aliases, came, strict=True)]
@@ -271,6 +272,12 @@ class _Followed:
     def first_result(self, moment: Moment) -> TrackResult:
         """Of the image in which it was found."""
         return self._named(first_result(self._at(moment), self._track, self._grasp, self.view))
+
+    @property
+    def has_left(self) -> bool:
+        """Whether it is not followed any more."""
+        state = self.follower.state
+        return state.has_left or (bool(state.lost) and float(state.sightings.since_s.min()) > GIVEN_UP_S)
 
     def look_at(self, image: ImagePyramids, time: float | None, sure: Sequence[Place]) -> Sight:
         """What the next image shows of it where none of those lies that surely lie there."""
