@@ -27,7 +27,7 @@ BUDGETS = {
     "tests": 42_241,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
-MODULES = 204
+MODULES = 206
 SAME_NAMES = 0
 """Names that more than one class has."""
 NAMED = ("tracking", "segmentation")

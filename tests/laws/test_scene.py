@@ -9,7 +9,7 @@ import pytest
 
 import grasptrack as gt
 from grasptrack.errors import InputError, SourceError
-from grasptrack.tracking.scene import Place
+from grasptrack.tracking.scene import Footprint
 from scenery import drawn
 
 HOOK = np.array([[-30.0, -30], [40, -24], [36, 0], [4, 3], [-2, 36], [-34, 30]])
@@ -129,7 +129,7 @@ def test_no_two_are_ever_given_in_one_place() -> None:
         located = [r.view for r in tracker.update(tray([(x, 150.0, 0.2)], k)).results.values() if r.located]
         assert len(located) <= 1
     (one, *_) = gt.find(tray(pair), hook())
-    assert Place(one.view).is_shared(Place(one.view))
+    assert Footprint(one.view).is_shared(Footprint(one.view))
     assert len(gt.SceneTracker(hook(), instances=[one, one]).update(tray(pair)).results) == 1
 
 

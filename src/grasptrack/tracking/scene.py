@@ -198,10 +198,10 @@ class SceneTracker:
     def _begin(self, found: Sequence[Instance]) -> list[Instance]:
         """Follow what is found in the last image from there on."""
         assert self._image is not None
-        taken = [Place(each.view) for each in self._followed if not each.follower.state.lost]
+        taken = [Footprint(each.view) for each in self._followed if not each.follower.state.lost]
         new: list[Instance] = []
         for one in found:
-            place = Place(one.view)
+            place = Footprint(one.view)
             if one.found and not any(place.is_shared(other) for other in taken):
                 new.append(one)
                 taken.append(place)
@@ -226,7 +226,7 @@ class SceneTracker:
         lost = {each.number for each in self._followed if each.follower.state.lost}
         for late in (False, True):
             members = [each for each in self._followed if (each.number in lost) is late]
-            sure = [Place(result.view) for result in told.values() if result.view is not None]
+            sure = [Footprint(result.view) for result in told.values() if result.view is not None]
             sights = [each.look_at(image, moment.time, sure) for each in members]
             if not late:
                 sights = _each_beside_others(members, sights)
@@ -279,12 +279,12 @@ class _Followed:
         state = self.follower.state
         return state.has_left or (bool(state.lost) and float(state.sightings.since_s.min()) > GIVEN_UP_S)
 
-    def look_at(self, image: ImagePyramids, time: float | None, sure: Sequence[Place]) -> Sight:
+    def look_at(self, image: ImagePyramids, time: float | None, sure: Sequence[Footprint]) -> Sight:
         """What the next image shows of it where none of those lies that surely lie there."""
         is_taken = partial(self._lies_on, sure) if sure else None
         return self.follower.look_at(image.levels_in(self._channel), time, is_taken)
 
-    def reconsider(self, sight: Sight, others: Sequence[Place], way: Floats | None) -> Sight:
+    def reconsider(self, sight: Sight, others: Sequence[Footprint], way: Floats | None) -> Sight:
         """What an image shows of it where none of the others lies; `way` as of `Follower.reconsider`."""
         return self.follower.reconsider(sight, partial(self._lies_on, others), way)
 
@@ -295,14 +295,14 @@ class _Followed:
         self.view = self.view if result.view is None else result.view
         return self._named(result)
 
-    def place_at(self, estimate: PoseEstimate) -> Place | None:
+    def place_at(self, estimate: PoseEstimate) -> Footprint | None:
         """Where an estimate has it; None where that is nowhere."""
         try:
-            return Place(View(Contour.trusted(apply_homography(estimate.G, self.follower.target.outline))))
+            return Footprint(View(Contour.trusted(apply_homography(estimate.G, self.follower.target.outline))))
         except ConditioningError:
             return None
 
-    def _lies_on(self, places: Sequence[Place], estimate: PoseEstimate) -> bool:
+    def _lies_on(self, places: Sequence[Footprint], estimate: PoseEstimate) -> bool:
         own = self.place_at(estimate)
         return own is not None and any(own.is_shared(place) for place in places)
 
@@ -313,14 +313,14 @@ class _Followed:
         return replace(result, instance_id=self.number, part_id=self.part.name)
 
 
-class Place:
+class Footprint:
     """Where an outline lies."""
 
     def __init__(self, view: View) -> None:
         self.view, points = View(view.outer), view.outer.points
         self._low, self._high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
 
-    def is_shared(self, other: Place) -> bool:
+    def is_shared(self, other: Footprint) -> bool:
         """Whether two have so much in common that no two parts lie so: a small one on a large one may."""
         (x, y), (u, v), (a, b), (c, d) = self._low, self._high, other._low, other._high
         if u < a or c < x or v < b or d < y:
@@ -334,7 +334,7 @@ def _each_beside_others(members: Sequence[_Followed], sights: Sequence[Sight]) -
 
     What explains another one speaks for none but that, and two that went one way go with what carries them.
     """
-    claims: list[Place | None] = []
+    claims: list[Footprint | None] = []
     for each, sight in zip(members, sights, strict=True):
         e = sight.decision.estimate
         claims.append(None if e is None else each.place_at(e))
@@ -375,7 +375,7 @@ def _way_of(each: _Followed, sight: Sight) -> Floats | None:
 
 def _shared_places(members: Sequence[_Followed], sights: Sequence[Sight]) -> list[float]:
     """Probability of each that what it is taken for is another one that is found in its place."""
-    places: list[Place | None] = []
+    places: list[Footprint | None] = []
     worth: list[float] = []
     for each, sight in zip(members, sights, strict=True):
         e = sight.decision.estimate
