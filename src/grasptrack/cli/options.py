@@ -194,7 +194,7 @@ class PartsOptions:
         option(
             OBJECT,
             "S",
-            "Look for parts that come into view every so many seconds of the images' time, for --all.",
+            "Time of the images, in s, between looks for parts that come into view, for --all.",
             show_default="2, and never in a live source, which a look of some seconds would hold up",
         ),
     ] = None
