@@ -38,6 +38,8 @@ from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.state import FRAME_S
 from grasptrack.typing import Floats
 
+ASLANT = 0.25
+"""Share of a way by which ways differ that are one, on a plane seen aslant: those to other equals differ by all of it."""
 GIVEN_UP_S = 10.0
 """s after which what is lost is not looked for any more: each that is lost takes as long as ten that are not."""
 UNCLEAR = 0.3
@@ -348,7 +350,7 @@ def _each_beside_others(members: Sequence[_Followed], sights: Sequence[Sight]) -
             found.append(sight)
             continue
         near = [other - way for j, other in enumerate(ways) if j != k and other is not None]
-        alike = [way + off for off in near if math.hypot(*off.tolist()) < sight.decision.tolerance]
+        alike = [way + off for off in near if math.hypot(*off.tolist()) < _same_way(sight, way)]
         found.append(each.reconsider(sight, beside, np.mean(alike, axis=0) if alike else None))
     return found
 
@@ -363,8 +365,13 @@ def _newcomers(members: Sequence[_Followed], sights: Sequence[Sight]) -> list[fl
             continue
         others = [other for j, other in enumerate(ways) if j != k and other is not None]
         away = math.hypot(*(np.median(others, axis=0) - way).tolist()) if others else math.inf
-        found[k] = SEEN_LIKE * (away > sight.decision.tolerance)
+        found[k] = SEEN_LIKE * (away > _same_way(sight, way))
     return found
+
+
+def _same_way(sight: Sight, way: Floats) -> float:
+    """px by which ways differ that are one, seen aslant."""
+    return sight.decision.tolerance + ASLANT * math.hypot(*way.tolist())
 
 
 def _way_of(each: _Followed, sight: Sight) -> Floats | None:
