@@ -15,7 +15,14 @@ from grasptrack.cli.main import main
 from program import whole_program
 
 PROGRAM: Any = whole_program()
-UNITS = {"MS": "in ms", "S": "in s", "VX,VY": "in px/s", "FPS": "in frames/s", "PX_PER_MM": "in px per mm", "MP": "in 10^6 px"}
+UNITS = {
+    "MS": "in ms",
+    "S": "in s",
+    "VX,VY": "in px/s",
+    "FPS": "in frames/s",
+    "PX_PER_MM": "in px per mm",
+    "MP": "in 10^6 px",
+}
 WORDS = {"MU": "coefficient", "P": "robability", "R": "Ratio", "FRAME": "Index, from 0,"}
 TEXTS = {"NAME", "A,B", "DIR", "FILE", "ADDRESS", "HOST", "NAME=VALUE"}
 PIXELS = {"X,Y", "X,Y,W,H", '"X,Y X,Y ..."'}
