@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pages and tables of docs/ that say what the code says, written from it.
 
-    python tests/helpers/written_pages.py    writes docs/cli.md, docs/api.md, docs/tables/*.md, and three tables
+    python tests/helpers/written_pages.py    writes docs/cli.md, docs/api.md, docs/tables/*.md, three tables, and a schema
 
-`cli.md` is the help of every verb, `api.md` the first sentence of every public name, `tables/scenes.md` the disturbances
-and the peers, `tables/numbers.md` the core's free numbers; tables of reasons, of columns and of formats stand between their
-marks in `troubleshooting.md`, `files.md` and `sources.md`. `tests/scenarios/test_docs.py` compares all of them.
+`cli.md` is the help of every verb, `api.md` the first sentence of every public name, `published.schema.json` a line that
+`--publish` sends, `tables/scenes.md` the disturbances and the peers, `tables/numbers.md` the core's free numbers; tables of
+reasons, of columns and of formats stand between their marks in `troubleshooting.md`, `files.md` and `sources.md`.
+`tests/scenarios/test_docs.py` compares all of them.
 """
 
 import inspect
@@ -19,7 +20,8 @@ from typing import Any
 import typer
 
 import grasptrack
-from grasptrack.io.columns import COLUMNS, IN_JSON
+from grasptrack.io.columns import COLUMNS, IN_JSON, result_schema
+from grasptrack.io.publishing import FIXED_STATUS, VERSION
 from grasptrack.presentation import REMEDIES
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.numbers import OWN
@@ -265,6 +267,38 @@ def fill_formats(page: str) -> str:
     return _fill(page, rows)
 
 
+def published_schema() -> dict[str, Any]:
+    """A line of `--publish` in JSON, as a JSON schema."""
+    results = {name: _or_null(kind) for name, kind in result_schema()["properties"].items()}
+    for column in COLUMNS:
+        if column.unit and column.name in results:
+            results[column.name]["description"] = column.unit
+    results["status"] = {"enum": [*FIXED_STATUS]}
+    number = {"type": ["number", "null"]}
+    head = {
+        "version": {"const": VERSION},
+        "sequence": {"type": "integer", "minimum": 1, "description": "of the line, by one more than of that before"},
+        "stamp_s": {**number, "description": "Unix time at which the last image came, s"},
+        "age_ms": {**number, "minimum": 0, "description": "from then until the line was sent, ms"},
+        "may_close": {"type": "boolean", "description": "tracked, and nothing speaks against closing on the contacts"},
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "A line of grasptrack --publish",
+        "type": "object",
+        "properties": {name: {**head, **results}[name] for name in (*head, *IN_JSON)},
+        "required": [*head, *IN_JSON],
+        "additionalProperties": False,
+    }
+
+
+def _or_null(kind: dict[str, Any]) -> dict[str, Any]:
+    """A type that may be null, as its items may: a line without a frame has the same fields, and no number is infinite."""
+    names = [kind["type"]] if isinstance(kind["type"], str) else kind["type"]
+    items = {"items": _or_null(kind["items"])} if "items" in kind else {}
+    return {**kind, "type": [*dict.fromkeys([*names, "null"])], **items}
+
+
 def _fill(page: str, lines: list[str]) -> str:
     text = "\n".join(lines)
     return WITHIN.sub(lambda found: f"{found[1]}\n{text}\n\n{found[2]}", page)
@@ -276,6 +310,7 @@ def pages() -> dict[Path, str]:
     return {
         DOCS / "cli.md": command_line_page(),
         DOCS / "api.md": api_page(),
+        DOCS / "published.schema.json": json.dumps(published_schema(), indent=1) + "\n",
         DOCS / "tables" / "scenes.md": scenes_table(),
         DOCS / "tables" / "numbers.md": numbers_table(),
         trouble: fill_reasons(trouble.read_text(encoding="utf-8")),

@@ -19,6 +19,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.force_closure import GraspAnalysis
 from grasptrack.io.base import Frame
 from grasptrack.io.images import encode_jpeg
+from grasptrack.io.publishing import may_close
 from grasptrack.live import frames
 from grasptrack.live.commands import (
     COMMANDS,
@@ -151,6 +152,7 @@ def test_only_what_is_sure_now_is_ok_to_close(
     found = headline_of(replace(shown_of(result=result_of(**values)), **more))
     assert found.word == word and part in found.why
     assert (found.tone == "tracked") == (word == "OK TO CLOSE")
+    assert may_close(result_of(**values)) == (word == "OK TO CLOSE" or bool(more and values is not LOST))
     code = values.get("reason_code") or values.get("notice")
     assert "(--" not in found.remedy and (not code or bool(found.remedy))
 

@@ -10,13 +10,15 @@ import dataclasses
 import inspect
 import re
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+
+T = TypeVar("T")
 
 GRASP = "Grasp"
 OBJECT = "Object"
@@ -126,6 +128,11 @@ def hold_until_end(output: Path) -> None:
     from grasptrack.files import hold_folder
 
     _until_end.get().enter_context(hold_folder(output))
+
+
+def open_until_end(held: AbstractContextManager[T]) -> T:
+    """Enter a context, and leave it when the verb that is at work has ended."""
+    return _until_end.get().enter_context(held)
 
 
 def with_options(verb: Callable[..., None]) -> Callable[..., None]:

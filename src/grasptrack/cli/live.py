@@ -15,7 +15,11 @@ from grasptrack.cli.terminal import Interruption, show_run, tell_line
 from grasptrack.errors import InputError, install_hint
 
 if TYPE_CHECKING:
-    pass
+    from collections.abc import Callable
+
+    from grasptrack.io.publishing import ResultPublisher
+    from grasptrack.live.state import Shown
+    from grasptrack.tracking.result import TrackResult
 
 BEAT = 0.1
 """s between two looks at whether Ctrl-C was pressed."""
@@ -48,6 +52,7 @@ def live(
     ] = None,
     port: Annotated[int, option(PAGE, "N", "Number of the port; 0 takes a free one.", min=0, max=65535)] = 8321,
     output: options.Output = options.OUTPUT_FOLDER / "live",
+    publish: options.Publish = None,
     record_as: Annotated[str, option(help_groups.OUTPUT, "NAME", "Kind of recordings: mp4, mcap or rrd.")] = "mp4",
     quiet: options.Quiet = False,
     max_megapixels: options.MaxMegapixels = None,
@@ -74,6 +79,7 @@ def live(
         raise InputError("--name is the name or address of a machine, such as robot.local, without http:// or a port")
     options.one_of("--record-as", record_as, RECORDED_AS)
     asked = {**as_asked(grasp, hand, images, known), **first.as_written(), "start": start, "record_as": record_as}
+    asked["publish"] = publish
     grasp.finger_count(at_most_three=True)
     said = first.first_image(grasp.given_contacts())
     settings = first_image.tracker_settings(grasp, first, hand, known)
@@ -91,11 +97,14 @@ def live(
     keep_inputs((output / name for name in FILES), [*frames.files, *first.files()])
     said = first.with_images(said)
     settings.make_tracker(said)  # what does not go together is told before anything is served
+    publisher = options.open_publisher(publish, quiet)
     listener = bind_socket(host, port)  # before anything in the folder is replaced
     with hold_folder(output), Interruption() as interruption:
         session = LiveSession(
             frames, settings, output, meant=said, at_once=start, options=asked, record_as=f".{record_as}"
         )
+        if publisher is not None:
+            session.add_listener(publish_moments(publisher))
         server = PageServer(session, host, name=name, listener=listener)
         session.start()
         server.start()
@@ -119,3 +128,17 @@ def live(
         raise InputError(session.shown.notice[1])
     if summary is not None and not quiet:
         show_run(summary, output)
+
+
+def publish_moments(publisher: ResultPublisher) -> Callable[[Shown], None]:
+    """A listener of a session that has every result published once, as soon as its object is followed."""
+    last: TrackResult | None = None
+
+    def publish_result(shown: Shown) -> None:
+        nonlocal last
+        followed = shown.phase in ("tracking", "ended") and shown.result is not last
+        if followed and shown.result is not None and shown.arrival is not None:
+            last = shown.result
+            publisher.publish(shown.arrival.frame, last, shown.arrival.at)
+
+    return publish_result

@@ -9,11 +9,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from grasptrack.cli.help_groups import GRASP, HAND, LIMITS, OBJECT, OUTPUT, PROCESSES, SCENE, SOURCE, option
+from grasptrack.cli.help_groups import (
+    GRASP,
+    HAND,
+    LIMITS,
+    OBJECT,
+    OUTPUT,
+    PROCESSES,
+    SCENE,
+    SOURCE,
+    open_until_end,
+    option,
+)
+from grasptrack.cli.terminal import tell_line
 from grasptrack.errors import GraspError, InputError, StrategyError
 
 if TYPE_CHECKING:
     from grasptrack.grasp.hand import Hand, Length
+    from grasptrack.io.publishing import ResultPublisher
     from grasptrack.io.recording import Recording
     from grasptrack.typing import Floats
 
@@ -66,6 +79,14 @@ Seed = Annotated[int, option(SCENE, "N", "Seed of all that is random.", min=0)]
 OUTPUT_FOLDER = Path("grasptrack-out")
 """A verb that writes does so in the folder of its name within this one, unless it is told another."""
 Output = Annotated[Path, option(OUTPUT, "DIR", "Folder for the results; existing results are replaced.")]
+Publish = Annotated[
+    str | None,
+    option(
+        OUTPUT,
+        "ADDRESS",
+        "Send a line for every frame to whoever connects to tcp://HOST:PORT: JSON, or with ?format=fixed columns for robots.",
+    ),
+]
 NoVideo = Annotated[bool, option(OUTPUT, None, "Do not write overlay.mp4.", "--no-video")]
 Json = Annotated[bool, option(OUTPUT, None, "Print the JSON file instead of the table.", "--json")]
 Quiet = Annotated[bool, option(OUTPUT, None, "Print nothing but errors.", "--quiet", "-q")]
@@ -285,6 +306,18 @@ class HandSize:
         if grasp.grasp is not None and not (grasp.resynthesize or grasp.next_object):
             raise InputError(f"{named[0]} is for choosing a grasp, but --grasp gives one: leave out one of them")
         return self.make_hand()
+
+
+def open_publisher(address: str | None, quiet: bool) -> ResultPublisher | None:
+    """What --publish asks for, until the verb has ended."""
+    if address is None:
+        return None
+    from grasptrack.io.publishing import ResultPublisher, parse_publish_address
+
+    publisher = open_until_end(ResultPublisher(parse_publish_address(address)))
+    if not quiet:
+        tell_line(f"results at {publisher.url}")
+    return publisher
 
 
 def _option_name(field: str) -> str:

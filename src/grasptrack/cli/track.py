@@ -60,6 +60,7 @@ def track(
     ] = 0,
     output: options.Output = options.OUTPUT_FOLDER / "track",
     recording: options.RecordingOptions,
+    publish: options.Publish = None,
     no_video: options.NoVideo = False,
     quiet: options.Quiet = False,
     max_megapixels: options.MaxMegapixels = None,
@@ -85,8 +86,8 @@ def track(
     Where the choice of the object is not sure, candidates.png shows the likeliest, numbered, and --choose takes one.
 
     Writes grasps.csv (one row for every frame), run.json, overlay.mp4 and summary.png. Ctrl-C keeps what was computed.
-    --record adds a file for Foxglove or rerun, --jsonl a line of JSON for every frame. Says first how well the object can be
-    tracked, as `grasptrack inspect` does.
+    --record adds a file for Foxglove or rerun, --jsonl a line of JSON for every frame; --publish sends it over TCP. Says first
+    how well the object can be tracked, as `grasptrack inspect` does.
 
     Of a live source the newest image is taken, and what comes in the meantime is dropped. One that goes away is opened again.
 
@@ -102,14 +103,15 @@ def track(
       grasptrack track video.mp4 --outline "120,80 420,90 430,300 110,310"
       grasptrack track video.mp4 --risk 1e-5 --tolerance 2%
       grasptrack track video.mp4 --start 2 --wait --next
+      grasptrack track camera:0 --publish tcp://0.0.0.0:5555
       grasptrack track video.mp4 --camera camera.yaml --length 120mm
       grasptrack track video.mp4 --part flange.part --all
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """
     if videos := _videos_of(source):
-        if recording.files() or recording.jsonl or first.mask is not None:
+        if recording.files() or recording.jsonl or publish or first.mask is not None:
             raise InputError(
-                f'"{source}" names {len(videos)} videos: --record, --jsonl and --masks are for one at a time'
+                f'"{source}" names {len(videos)} videos: --record, --jsonl, --publish and --masks are for one at a time'
             )
         given: dict[str, Any] = {"grasp": grasp, "first": first, "hand": hand, "known": known, "images": images}
         given["scene"] = scene
@@ -118,6 +120,8 @@ def track(
         return
     if scene.has_parts():
         _refuse_unsuited(grasp, first, hand, known, recording)
+        if publish is not None:
+            raise InputError("--publish is for following one object: leave it out, or --all")
         reading = (source, images, start)
         _track_scene(reading, scene, (grasp.risk, first.ignore, known.belt), (output, recording, no_video, quiet))
         return
@@ -125,6 +129,7 @@ def track(
         **as_asked(grasp, hand, images, known),
         **first.as_written(),
         **recording.as_written(),
+        "publish": publish,
         "start": start,
         "video": not no_video,
     }
@@ -149,8 +154,9 @@ def track(
     tracker = tracking.make_tracker(replace(first.with_images(said), more=more))
     beside = [output / name for name in (*FILES, PICTURE)]
     keep_inputs([*beside, *recording.files()], [*frames.files, *first.files(), *(segmentation or ())])
-    recordings = recording.open_recordings(asked)
     quiet = quiet or recording.jsonl == "-"  # the standard output is for the lines
+    publisher = options.open_publisher(publish, quiet)
+    recordings = recording.open_recordings(asked)
     done, chosen, notes = 0, False, list[str]()
     looked_at: NDArray[Any] | None = None
     seen: list[Candidate] = []
@@ -187,6 +193,7 @@ def track(
                     options=asked,
                     masks=segmentation,
                     recordings=recordings,
+                    publish=None if publisher is None else publisher.publish,
                     on_frame=report_frame,
                 )
                 progress.print(verdict.wait_for_lines(interruption.raise_if_pressed))

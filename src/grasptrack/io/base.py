@@ -90,6 +90,7 @@ class Source(ABC):
             worked on is dropped.
         dropped: images of a live source that were not given since iterating began.
         reconnected: how many times a live source came back after it had gone.
+        waited: s that the last image of a live source had waited when it was given.
         first: index of the frame that iterating begins with; see `start_at`.
         count: number of frames, those before the first included, or None where it is not known.
         exact: whether `count` is certain; for some videos it is estimated from the duration.
@@ -120,6 +121,7 @@ class Source(ABC):
         self.shortfall = ""
         self.dropped = 0
         self.reconnected = 0
+        self.waited = 0.0
         self._period = None if fps is None else 1.0 / fps
         self._times_warned = False
         self._running: Generator[tuple[Image, float | None, str], None, None] | None = None

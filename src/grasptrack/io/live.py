@@ -116,6 +116,7 @@ class LiveSource(Source):
                         f"{self.label} gave no image for {self._patience:g} s after {index} frames{said}", frame=index
                     )
                 self.dropped, self.reconnected = drain.dropped, newest.connection
+                self.waited = time.monotonic() - newest.arrived
                 if index == 0 and self.catches_up:
                     drain.keep_all()
                 yield newest.image, clock.time_of(newest), f"frame {index} of {self.label}"

@@ -120,6 +120,11 @@ def points_text(points: Iterable[Iterable[float]] | None) -> str | None:
 # --- lines of JSON --------------------------------------------------------------------------------
 
 
+def json_line(fields: Mapping[str, Any]) -> str:
+    """A line with its newline."""
+    return json.dumps(fields, allow_nan=False, separators=(",", ":")) + "\n"
+
+
 class JsonLines:
     """Writes a line for every frame, and passes it on at once; ``-`` is the standard output.
 
@@ -136,8 +141,7 @@ class JsonLines:
     def write(self, frame: Frame, result: TrackResult) -> None:
         """Add a frame."""
         file = self._own or sys.stdout
-        fields = result_fields(frame, result, outline=self._outline)
-        file.write(json.dumps(fields, allow_nan=False, separators=(",", ":")) + "\n")
+        file.write(json_line(result_fields(frame, result, outline=self._outline)))
         file.flush()
 
     def close(self) -> None:

@@ -51,6 +51,7 @@ def run_track(
     options: Mapping[str, Any] | None = None,
     masks: Masks | None = None,
     recordings: Sequence[Recording] = (),
+    publish: Callable[[Frame, Any, float], None] | None = None,
     on_frame: Callable[[Frame, Any], None] | None = None,
 ) -> RunSummary:
     """Track a grasp through a source and write the results to a folder.
@@ -67,7 +68,8 @@ def run_track(
         options: what the user asked for, for run.json.
         masks: the user's segmentation of the frames.
         recordings: each is given every frame and its result, after its row is written, and closed at the end.
-        on_frame: called with each frame and its result after that.
+        publish: called with each frame, its result and when the image came, s of `time.perf_counter`, before that row.
+        on_frame: called with each frame and its result after its row is written.
 
     Returns:
         Counts, figures and the files written.
@@ -87,8 +89,11 @@ def run_track(
         ended, error = "failed", ""
         try:
             for frame in source:
+                came = time.perf_counter() - source.waited
                 masked = {} if masks is None else {"mask": masks.mask_for(frame)}
                 told = tracker.update(frame.image, time=frame.time, **masked)
+                if publish is not None:
+                    publish(frame, told, came)
                 run.write_frame(frame, told)
                 for recording in recordings:
                     for result in results_of(told):
