@@ -41,6 +41,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, page, content=text))
     for path in sorted((ROOT / "examples").glob("*.py")):
         add(f"examples/{path.stem}.md", f"# {path.name}\n\n```python\n{path.read_text(encoding='utf-8')}```\n")
+    robots = sorted((ROOT / "examples" / "robots").glob("*.*"))
+    shown = [f"## {path.name}\n\n```\n{path.read_text(encoding='utf-8')}```\n" for path in robots]
+    add("examples/robots.md", "\n".join(["# Clients in robots' own languages\n", *shown]))
     for package, (about, names) in packages().items():
         # `grasptrack.transfer` is a package and a function: the function is named by its whole path.
         paths = [f"{package}.{name}" if name == package else name for name in names]
@@ -58,4 +61,5 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
                 markdown = re.sub(rf"(\[`{name}`\])\(\.\./src/[\w/.]+\)", rf"\1(api/{package}.md#{anchor})", markdown)
     for path, name in OUTSIDE.items():
         markdown = markdown.replace(f"](../{path}", f"]({name}")
+    markdown = markdown.replace("](../examples/robots/)", "](examples/robots.md)")
     return re.sub(r"\]\(\.\./examples/(\w+)\.py\)", r"](examples/\1.md)", markdown)

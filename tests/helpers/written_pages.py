@@ -21,7 +21,7 @@ import typer
 
 import grasptrack
 from grasptrack.io.columns import COLUMNS, IN_JSON, result_schema
-from grasptrack.io.publishing import FIXED_STATUS, VERSION
+from grasptrack.io.publishing import DOES_NOT_FIT, FIXED_STATUS, MAY_CLOSE, SILENT, VERSION, fixed_line
 from grasptrack.presentation import REMEDIES
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.numbers import OWN
@@ -251,7 +251,30 @@ def fill_columns(page: str) -> str:
         more = ", ..." if "{i}" in column.cells else ""
         rows.append(f"| {cells}{more} | `{column.name}` | {column.unit} | {column.absent} |".replace("|  |", "| |"))
     listed = ", ".join(f"`{name}`" for name in IN_JSON)
-    return _fill(page, [*rows, "", f"Keys of a line of JSON, in their order: {listed}; on demand `outline`."])
+    rows += ["", f"Keys of a line of JSON, in their order: {listed}; on demand `outline`.", "", *_fixed_columns()]
+    return _fill(page, rows)
+
+
+def _fixed_columns() -> list[str]:
+    """What a line of `--publish` with `?format=fixed` has where."""
+    line = fixed_line({**dict.fromkeys(IN_JSON), "status": SILENT, "may_close": False, "sequence": 1, "age_ms": None})
+    numbers = {MAY_CLOSE: "tracked, and `may_close`", DOES_NOT_FIT: "contacts that do not fit"}
+    numbers |= {number: f"`{status}`" for status, number in FIXED_STATUS.items()}
+    meanings = [
+        f"version, {VERSION}",
+        "status: " + ", ".join(f"{number} {numbers[number]}" for number in sorted(numbers)),
+        "number of contacts",
+        "`sequence`, its last four digits",
+        "`age_ms`, 999999 before the first image",
+        "`confidence`, never rounded up",
+        *(f"{axis} of contact {k}, px" for k in (1, 2, 3) for axis in "xy"),
+        "standard deviation of the least certain contact, px; 9.99: as much or more, or not known",
+    ]
+    rows = ["| characters | fixed line of `--publish` |", "|---|---|"]
+    for found, meaning in zip(re.finditer(r"[\d.-]+", line), meanings, strict=True):
+        first, last = found.start() + 1, found.end()
+        rows.append(f"| {first} to {last} | {meaning} |" if last > first else f"| {first} | {meaning} |")
+    return [*rows, "", f"As `{line.strip()}`, and a newline."]
 
 
 def fill_formats(page: str) -> str:

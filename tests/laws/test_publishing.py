@@ -3,6 +3,7 @@
 
 import contextlib
 import json
+import math
 import re
 import runpy
 import socket
@@ -15,7 +16,7 @@ from typing import Any, get_args
 import jsonschema
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from grasptrack import InputError, Status
@@ -239,6 +240,8 @@ def test_silence_is_told_by_a_line_with_the_same_fields(monkeypatch: pytest.Monk
 VALUES = st.floats() | st.floats(-2e3, 2e4)
 
 
+@settings(max_examples=60)
+@example(contacts=[(math.nan, 1.0), (2.0, math.inf)], status="tracked", spread=0.1, number=1, age=0.0, confidence=0.5)
 @given(
     contacts=st.none() | st.lists(st.tuples(VALUES, VALUES), min_size=2, max_size=4),
     status=st.sampled_from(get_args(Status)),
@@ -260,11 +263,15 @@ def test_any_result_makes_a_line_of_the_schema_and_a_fixed_one_of_its_width(
     assert len(line.encode()) == WIDTH and line.isascii() and line.endswith(")\n") and line.count("\n") == 1
     version, told, count, sequence, _, sure, *places, _ = map(float, line.strip("()\n").split(","))
     assert (version, sequence) == (1, number % 10000) and confidence - 1e-4 <= sure <= confidence
-    if contacts is not None and len(contacts) <= 3 and np.abs(np.array(contacts)).max() < 999.0:
-        assert told in (FIXED_STATUS[status], 1) and count == len(contacts)
-        assert places[: 2 * len(contacts)] == pytest.approx(np.array(contacts).ravel(), abs=0.00501)
+    values = np.ravel(contacts or [])
+    fit = len(contacts or ()) <= 3 and bool(((values > -999.99) & (values < 9999.99)).all())
+    if fit:
+        assert told in (FIXED_STATUS[status], 1) and count == len(contacts or ())
+        assert places[: len(values)] == pytest.approx(values, abs=0.00501) and not any(places[len(values) :])
+    elif told == publishing.DOES_NOT_FIT or len(contacts) > 3:
+        assert told == publishing.DOES_NOT_FIT and not any(places) and count == 0
     else:
-        assert not any(places) and count == 0
+        assert ((values > -1000.0) & (values < 10000.0)).all()  # they are just at the border
 
 
 def test_every_status_has_a_number_of_its_own() -> None:

@@ -34,6 +34,7 @@ SMALLEST = {
     "first_look": "--data DATA --fit",
     "returns": "--parts bracket --disturbances clean-6dof --repeats 1 --workers 1",
     "real_contours": "--data DATA --films film --frames 4",
+    "publishing": "--frames 4 --rounds 1",
     "recording": "--frames 4 --rounds 1",
     "polygons": "--data DATA --fit",
     "first_outline": "--shapes bracket --kinds gap --frames 4",

@@ -117,9 +117,9 @@ def may_close(result: TrackResult) -> bool:
 def fixed_line(fields: dict[str, Any]) -> str:
     """A line's numbers in columns that never move, `WIDTH` characters; see docs/files.md."""
     contacts = fields["contacts"] or []
-    texts = [f"{value:0{_COORDINATE}.2f}" for contact in contacts for value in contact]
+    texts = ["" if v is None else f"{v:0{_COORDINATE}.2f}" for contact in contacts for v in contact]
     status = MAY_CLOSE if fields["may_close"] else FIXED_STATUS[fields["status"]]
-    if len(contacts) > _PLACES or any(len(text) > _COORDINATE for text in texts):
+    if len(contacts) > _PLACES or any(len(text) != _COORDINATE for text in texts):
         status, contacts, texts = DOES_NOT_FIT, [], []
     texts += ["0000.00"] * (2 * _PLACES - len(texts))
     age = 999999 if fields["age_ms"] is None else min(round(fields["age_ms"]), 999999)
