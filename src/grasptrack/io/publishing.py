@@ -122,7 +122,7 @@ def fixed_line(fields: dict[str, Any]) -> str:
     if len(contacts) > _PLACES or any(len(text) != _COORDINATE for text in texts):
         status, contacts, texts = DOES_NOT_FIT, [], []
     texts += ["0000.00"] * (2 * _PLACES - len(texts))
-    age = 999999 if fields["age_ms"] is None else min(round(fields["age_ms"]), 999999)
+    age = 999999 if fields["age_ms"] is None else min(math.ceil(fields["age_ms"]), 999999)  # never younger than it is
     confidence = math.floor(1e4 * (fields["confidence"] or 0.0)) / 1e4  # never rounded up
     spread = min(max(map(_largest_deviation, fields["covariances"] or ()), default=math.inf), 9.99)
     head = f"{VERSION},{status},{len(contacts)},{fields['sequence'] % 10000:04d},{age:06d},{confidence:.4f}"
