@@ -67,8 +67,8 @@ SLIDES = pytest.mark.xfail(
 
 
 CROSSHAIR = pytest.mark.xfail(
+    strict=False,  # it hangs on the second image
     reason="it is lost in two of three images: the first outline has the line, which stands still, as its own",
-    strict=True,
 )
 DIRT = pytest.mark.xfail(
     strict=True, reason="the third image is 10 px off: what stands still has not been told from a slow turn"
