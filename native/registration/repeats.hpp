@@ -17,7 +17,6 @@ struct Repeats {
     double change = 0;  // grey levels^2, by which the motion would have changed patches, each on average: what they tell of it
     double way = 0;     // the same of those that are as they were, times the squares of how far they ought to have moved, work px^2
     double still = 0;   // the same of those that rest explains far better than motion does: marks on the lens or in the image
-    double kept = 0;    // grey levels^2, of those that are as they were
 };
 
 // Which patches of the finest levels an image shows where the last one has them, to the grey level or nearly, though the pose moved on.
@@ -52,7 +51,6 @@ inline Repeats count_repeats(const Target &target, const Pyramid &before, const 
             const double way =
                 change * ((to.x - from.x) * (to.x - from.x) + (to.y - from.y) * (to.y - from.y)) / std::abs(d[0] * d[3] - d[1] * d[2]);
             out.way += repeated ? way : 0.0;
-            out.kept += repeated ? change : 0.0;
             out.still += stands ? way : 0.0;
         }
     }

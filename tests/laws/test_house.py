@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 41_121,
-    "src/grasptrack/tracking": 8_367,
+    "src/grasptrack": 41_114,
+    "src/grasptrack/tracking": 8_362,
     "src/grasptrack/servo": 4_773,
     "src/grasptrack/io": 5_780,
     "src/grasptrack/segmentation": 3_911,
@@ -23,7 +23,7 @@ BUDGETS = {
     "src/grasptrack/grasp": 1_860,
     "bench": 15_022,
     "research": 10_992,
-    "native": 7_358,
+    "native": 7_356,
     "tests": 43_143,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""

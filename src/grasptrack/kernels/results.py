@@ -335,13 +335,11 @@ class RepeatedPatches(NamedTuple):
         way: of those that repeat the last image to the grey level, as no two exposures do but an encoder does, the sum of that
             times the square of their way, work px.
         still: the same of those that rest explains far better than motion, as it does marks in the image.
-        kept: as `change`, of those that repeat it.
     """
 
     change: float
     way: float
     still: float
-    kept: float
 
 
 class PlaneViews(NamedTuple):

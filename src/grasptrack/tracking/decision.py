@@ -303,7 +303,7 @@ def decide_pose(
     if not estimates:
         return NOTHING
     numbers = state.numbers
-    surfaces = [surface_evidence(state, e.correlation, state.usual) for e in estimates]
+    surfaces = [surface_evidence(e.correlation, state.usual, numbers) for e in estimates]
     by_surface = [numbers.temper * max(0.0, surface.log_odds) for surface in surfaces]
     seen = [s + outline_evidence(e, numbers) for s, e in zip(by_surface, estimates, strict=True)]
     _level_turns(state, estimates, surfaces, seen)

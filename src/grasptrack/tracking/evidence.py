@@ -50,16 +50,14 @@ MAX_EXPONENT = 50.0
 
 
 def surface_evidence(
-    state: TrackState, correlation: list[Floats], usual: list[Floats], log_prior: Floats = USUAL_PRIOR
+    correlation: list[Floats], usual: list[Floats], numbers: Numbers, log_prior: Floats = USUAL_PRIOR
 ) -> SurfaceEvidence:
     """What the patches' correlations say for this surface against another one, given those that are usual.
 
-    A share of each level is missing, and of the rest what an encoder left as it was; `by_share` has the same by the share,
-    where all levels have the same.
+    A share of each level is missing; `by_share` has the same by the share, where all levels have the same.
     """
-    numbers, missing = state.numbers, 1.0 - (1.0 - SHARES_MISSING) * (1.0 - state.kept.value)
     spreads = numbers.match_spread, numbers.chance_spread, numbers.patch_share
-    return kernels.surface_evidence(correlation, usual, missing, log_prior, *spreads)
+    return kernels.surface_evidence(correlation, usual, SHARES_MISSING, log_prior, *spreads)
 
 
 def missing_evidence(surface: SurfaceEvidence) -> float:
@@ -69,18 +67,18 @@ def missing_evidence(surface: SurfaceEvidence) -> float:
 
 def texture_evidence(state: TrackState, estimate: PoseEstimate) -> float:
     """Log-likelihood ratio of an estimate's surface: this one against another one."""
-    return surface_evidence(state, estimate.correlation, state.usual).log_odds
+    return surface_evidence(estimate.correlation, state.usual, state.numbers).log_odds
 
 
 def unoccluded_evidence(state: TrackState, estimate: PoseEstimate) -> float:
     """The same where the outline shows that little of it is occluded."""
-    return surface_evidence(state, estimate.correlation, state.usual, OUTLINE_PRIOR).log_odds
+    return surface_evidence(estimate.correlation, state.usual, state.numbers, OUTLINE_PRIOR).log_odds
 
 
 def expected_texture(state: TrackState, estimate: PoseEstimate) -> float:
     """What `texture_evidence` would be if the patches looked as they usually do."""
     as_usual = [u + 0.0 * r for u, r in zip(state.usual, estimate.correlation, strict=True)]
-    return surface_evidence(state, as_usual, state.usual).log_odds
+    return surface_evidence(as_usual, state.usual, state.numbers).log_odds
 
 
 def outline_evidence(estimate: PoseEstimate, numbers: Numbers) -> float:
@@ -120,7 +118,7 @@ def wrong_object_probability(
         surface: that of the estimate, where it is known already.
     """
     numbers = state.numbers
-    surface = surface or surface_evidence(state, estimate.correlation, state.usual)
+    surface = surface or surface_evidence(estimate.correlation, state.usual, numbers)
     seen = max(0.0, surface.log_odds)
     shape = max(-seen, math.log(numbers.same_surface))
     if len(estimate.other):

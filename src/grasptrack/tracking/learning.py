@@ -66,7 +66,6 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
         repeated = target.handle.repeats(state.last.levels, state.last.G, levels, e.G)
         state.stale.add(repeated.way, repeated.change)
         state.fixed.add(repeated.still, repeated.change)
-        state.kept.add(repeated.kept, repeated.change)
     state.last, state.visible, state.P = Look(levels, e.G), e.visible, e.P
     state.presence, state.coasting = _clamp(decision.presence, numbers.redetected, 1.0 - numbers.hazard), None
     state.expected, state.anchored, state.unseen, state.adrift, state.lost = e.G, True, 0.0, 0.0, 0

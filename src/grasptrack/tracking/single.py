@@ -66,7 +66,7 @@ def decide_single(state: TrackState, estimates: list[PoseEstimate]) -> Decision:
     own = decision.estimate
     if own is None:
         return decision
-    surface = surface_evidence(state, own.correlation, _certain_correlations(state))
+    surface = surface_evidence(own.correlation, _certain_correlations(state), state.numbers)
     odds = other_surface_odds(surface.log_odds, state.numbers)
     other = odds / (1.0 + odds)
     doubt = "other-surface" if other > decision.probability_off else decision.doubt

@@ -272,7 +272,6 @@ class TrackState:
         sightings: of the contacts.
         stale: work px^2, how far patches lag that lag together, as far as a video's encoder leaves them as they were.
         fixed: work px^2, the same of patches that stand still in the image, as marks on the lens do: so far motion may lag.
-        kept: share of what motion changes that an encoder leaves as it was.
         flow_misfit: squared distances of the surface's motion from what outline and first view then say, by their expectation.
         shown: (N,) 0 to 1: how much of each sample of the outline accepted images showed on average, once the object had moved.
         shown_in: so many of them.
@@ -325,7 +324,6 @@ class TrackState:
     interval: float | None = None
     stale: FadingRatio = field(default_factory=lambda: FadingRatio(0.0, STALE_PRIOR))
     fixed: FadingRatio = field(default_factory=lambda: FadingRatio(0.0, STALE_PRIOR))
-    kept: FadingRatio = field(default_factory=lambda: FadingRatio(0.0, STALE_PRIOR))
     flow_misfit: FadingRatio = field(default_factory=lambda: FadingRatio(FLOW_PRIOR, FLOW_PRIOR))
     shown: Floats = field(default_factory=nothing_visible)
     shown_in: int = 0
