@@ -262,6 +262,20 @@ def test_a_row_that_a_hand_shakes_or_that_speeds_up_is_followed(way: list[float]
     assert followed(way) == len(way)
 
 
+def test_what_came_by_a_pitch_with_the_ground_and_rests_on_it_does_not_go_on_to_the_next() -> None:
+    """A table that is indexed, or a camera that is: even motion leads to the equal ahead, and the ground has stopped."""
+    grain = cv2.GaussianBlur(np.random.default_rng(0).normal(0, 1, (480, 640)), (0, 0), 2.0) * 28.0
+    tracker, first, found = GraspTracker(object_at=(505.0, 230.0)), None, []
+    for k, moved in enumerate([0] * 7 + [-180] * 6):
+        even = belt(460.0 + moved, 180.0, k, 0, 2).astype(np.float64)
+        ground = even + np.where(even > 150.0, np.roll(grain, moved, axis=1), 0.0)
+        contacts = tracker.update(np.clip(ground, 0, 255).astype(np.uint8), time=k / 30.0).contacts
+        if contacts is not None:
+            first = contacts if first is None else first
+            found.append(float(np.hypot(*(contacts - first - (moved, 0.0)).T).max()))
+    assert len(found) >= 9 and max(found) < 3.0
+
+
 @pytest.mark.parametrize(
     ("step", "dark", "told", "found"),
     [

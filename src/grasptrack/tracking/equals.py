@@ -34,11 +34,13 @@ class Way(NamedTuple):
         G: (3, 3) its pose.
         last: (3, 3) that in which it was, or would be if it rested.
         spread: mean square, a freedom, of how far it is from there, as a share of its area; None where nothing is known of it.
+        rests: (3, 3) where it would be if it rested on the ground, and the same of that; None where the ground tells nothing.
     """
 
     G: Floats
     last: Floats
     spread: float | None
+    rests: tuple[Floats, float] | None = None
 
 
 def alias_probability(state: TrackState, estimate: PoseEstimate, way: Way, shows: Shows) -> float:
@@ -60,14 +62,21 @@ def alias_probability(state: TrackState, estimate: PoseEstimate, way: Way, shows
     parts = np.array(
         [*known, *(-e for e in state.equals if not _is_near(-e, known, near) and not _is_in_view(state, first, -e))]
     )
-    before = carried_in_front(way.G, parts + target.work_contacts.mean(axis=0))
-    parts, before = parts[(seen := np.isfinite(before[:, 0]))], before[seen]
+    middles = parts + target.work_contacts.mean(axis=0)
+    before = carried_in_front(way.G, middles)
+    parts, before, middles = parts[(seen := np.isfinite(before[:, 0]))], before[seen], middles[seen]
     if not seen[0]:  # the object itself would lie behind the camera
         return 0.0
-    ways = (np.hypot(*(np.array(estimate.middle) - before).T) ** 2).clip(
-        worst_variance(estimate.covariance)
-    ) / estimate.area
+
+    def ways_from(before: Floats) -> Floats:
+        away: Floats = np.hypot(*(np.array(estimate.middle) - before).T)
+        return np.asarray((away**2).clip(worst_variance(estimate.covariance)) / estimate.area, dtype=np.float64)
+
+    ways = ways_from(before)
     density = 1.0 / ways if way.spread is None else way_density(ways, way.spread, numbers)
+    if way.rests is not None:  # all of them may have stopped on the ground, whatever they did before
+        ground, spread = way.rests
+        density = density + way_density(ways_from(carried_in_front(ground, middles)), spread, numbers)
     if density[1:].sum() < NOTICED * numbers.risk * density[0]:
         return float(density[1:].sum() / density.sum())
     # what is still seen where it was went nowhere: nearer than an edge is looked for that cannot be told

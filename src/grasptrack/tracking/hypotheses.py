@@ -111,7 +111,8 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
             # what moves over the object may have carried its texture along
             first = [hypothesis, calm] if joined is None else [joined]
     settled = flow is not None and _fixes_contacts(state, flow)
-    if settled and state.accepted % BACKGROUND_EVERY and state.delay < BACKGROUND_EVERY:
+    among_equals = len(state.equals) > 0  # of which one may look as the object would where it was looked for
+    if settled and not among_equals and state.accepted % BACKGROUND_EVERY and state.delay < BACKGROUND_EVERY:
         return Predictions(first, rest, None, even)
     background = align_look(state, state.last, levels, rest, Q, target.clear_ring(state.visible))
     if background is None:

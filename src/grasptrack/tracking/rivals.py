@@ -93,7 +93,10 @@ class Rivals:
         if state.lost:
             return Way(pose, pose, (state.numbers.travel * steps) ** 2)
         spread = None if even is None else state.agility * state.drifted
-        return Way(state.last.G if even is None else even, state.last.G, spread)
+        ground, rests = predictions.background, None
+        if ground is not None:
+            rests = ground, max((state.numbers.travel * state.wander) ** 2, state.drifted)
+        return Way(state.last.G if even is None else even, state.last.G, spread, rests)
 
     def against_other_sizes(self, decision: Decision, levels: list[Grey]) -> Decision:
         """A decision after a loss against a larger or smaller part of the same shape: the ground tells which size is right."""

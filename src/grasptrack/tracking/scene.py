@@ -132,7 +132,8 @@ class SceneTracker:
         self._hidden: Grey | None = None
         self._followed: list[_Followed] = []
         self._image: ImagePyramids | None = None
-        self._frame, self._time, self._count = -1, None, 0  # type: tuple[int, float | None, int]
+        self._frame, self._count = -1, 0
+        self._time: float | None = None
 
     @property
     def fingers(self) -> int:
@@ -158,8 +159,8 @@ class SceneTracker:
         moment = Moment(self._frame, time, started, repeated=False, sure=True, probability=math.nan)
         if before is None:
             self._hidden = FirstImage.of(ignore=self._ignore).within(colours.shape).hidden
-            self._begin(find(colours, list(self._parts.values()), risk=self.risk, ignore=self._ignore)
-                        if self._given is None else self._given)  # fmt: skip
+            parts, given = list(self._parts.values()), self._given
+            self._begin(find(colours, parts, risk=self.risk, ignore=self._ignore) if given is None else given)
             results = [each.first_result(moment) for each in self._followed]
         else:
             results = self._follow(self._image, moment)
