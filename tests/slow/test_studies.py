@@ -32,6 +32,7 @@ SMALLEST = {
     "failures": "--shapes bracket --seeds 1 --frames 6 --picture PICTURE",
     "first_kinds": "--parts bracket",
     "first_look": "--data DATA --fit",
+    "edge_loss": "--real DATA/videos",
     "returns": "--parts bracket --disturbances clean-6dof --repeats 1 --workers 1",
     "real_contours": "--data DATA --films film --frames 4",
     "publishing": "--frames 4 --rounds 1",
