@@ -190,6 +190,7 @@ class FirstImage:
             not_at=moved(self.not_at),
             box=None if self.box is None else (self.box[0] - left, self.box[1] - top, *self.box[2:]),
             outline=None if self.outline is None else self.outline - (left, top),
+            grasp=None if self.grasp is None else Grasp(self.grasp.contacts - (left, top)),
             hidden=cut_out(self.hidden),
             background=cut_out(self.background),
         )

@@ -19,7 +19,7 @@ from grasptrack.images import PLAIN, Channel, Grey
 from grasptrack.presentation import png_of, to_dict
 from grasptrack.segmentation.closed_edges import Planes
 from grasptrack.segmentation.localization import LocalizedContour, background_within, localize_contour, localize_holes
-from grasptrack.segmentation.silhouettes import Silhouette
+from grasptrack.segmentation.silhouettes import Chain, Silhouette
 from grasptrack.typing import Floats, Pixels
 
 MAX_SHARE = 0.9
@@ -194,6 +194,20 @@ def candidate_of_edges(
     return Candidate(view, polarity, edge.inside, edge.outside, channel=channel)
 
 
+def with_known_hole(candidate: Candidate, image: Pixels, chain: Chain, hidden: Grey | None) -> Candidate:
+    """A candidate with the hole that a pixel chain (n, 2) runs round, if that lies within it and was not found."""
+    outer, *found = candidate.view.contours
+    within = all(contains_pixel(candidate.view, *at) for at in chain.tolist())
+    grey = candidate.channel.to_grey(image)
+    try:
+        hole = localize_contour(grey, chain, hole=True, polarity=0, hidden=hidden, reach=CLOSED_EDGE_REACH).contour
+    except ContourError:
+        return candidate
+    if not within or any(_is_same_contour(hole, other) for other in found):
+        return candidate
+    return candidate._replace(view=View([outer, hole, *found]))
+
+
 def _is_mostly_cut(outline: Contour) -> bool:
     """Whether the border of the image, or what is hidden, makes more than half of an outline."""
     return outline.clipped is not None and bool(outline.clipped.mean() > 0.5)
@@ -313,10 +327,14 @@ def contains_pixel(view: View, x: float, y: float, margin: float = 0.0) -> bool:
 
 def is_same_region(one: View, other: View, share: float = SAME_REGION) -> bool:
     """Whether two outlines are of the same region, found in different ways."""
-    ratio = one.outer.area / other.outer.area
-    apart_by = one.outer.points.mean(axis=0) - other.outer.points.mean(axis=0)
+    return _is_same_contour(one.outer, other.outer, share)
+
+
+def _is_same_contour(one: Contour, other: Contour, share: float = SAME_REGION) -> bool:
+    ratio = one.area / other.area
+    apart_by = one.points.mean(axis=0) - other.points.mean(axis=0)
     alike = 1.0 - 2.0 * share < ratio < 1.0 / (1.0 - 2.0 * share)
-    return alike and math.hypot(*apart_by.tolist()) < share * math.sqrt(other.outer.area)
+    return alike and math.hypot(*apart_by.tolist()) < share * math.sqrt(other.area)
 
 
 def remove_nested(found: Sequence[Candidate]) -> list[Candidate]:

@@ -22,6 +22,7 @@ from grasptrack.segmentation.candidate import (
     contains_pixel,
     is_same_region,
     two_toned,
+    with_known_hole,
 )
 from grasptrack.segmentation.choice import Signs, choice_probabilities, drawn_probability, load_numbers, measure_worth
 from grasptrack.segmentation.localization import holes_on_ground
@@ -164,7 +165,7 @@ class CandidateSearch:
         return list(found.values())
 
     def _rate_meant(self) -> list[_Rated]:
-        """The proposals that are meant, each region once, the likeliest first."""
+        """The proposals that are meant, each region once, the likeliest first, and before all those that given contacts lie on."""
         if self._masks_only:
             return [_Rated(p, 0.0, 0.0) for p in self.meant[:MAX_COMPARED]]
         compared, said = self.compared_proposals(), self._said
@@ -173,7 +174,8 @@ class CandidateSearch:
             numbers = numbers._replace(map_power=numbers.box_power)
         worth, unmapped = (measure_worth(compared, maps, said.box, numbers) for maps in (self._maps, []))
         kept: list[_Rated] = []
-        for k in sorted(range(len(compared)), key=lambda k: -worth[k]):
+        misses = [self._scene.misses_contacts(p.silhouette) for p in compared]
+        for k in sorted(range(len(compared)), key=lambda k: (misses[k], -worth[k])):
             shape = compared[k].silhouette
             if is_allowed(shape, said) and not any(is_alike(shape, r.proposal.silhouette) for r in kept):
                 kept.append(_Rated(compared[k], float(worth[k]), float(unmapped[k])))
@@ -260,6 +262,16 @@ class CandidateSearch:
         return found
 
     def _localize_proposal(self, p: OutlineProposal, whole: bool = True, shaded: bool = False) -> Candidate | None:
+        """The sub-pixel contours of a proposal, as of `_localize_outline`, with the hole that given contacts lie on."""
+        found = self._localize_outline(p, whole, shaded)
+        region = self._scene.contact_region
+        for chain in () if region is None else region.holes:
+            snapped = np.rint(self._snapper.snap(chain.astype(np.float64), ROUGH)).astype(np.int32)
+            if found is not None:
+                found = with_known_hole(found, self._scene.colours, snapped, self._said.hidden)
+        return found
+
+    def _localize_outline(self, p: OutlineProposal, whole: bool, shaded: bool) -> Candidate | None:
         """The sub-pixel contour of a proposal: `whole` looks for holes by colour, `shaded` cuts out the shadow it casts."""
         colours, planes, hidden = self._scene.colours, self._scene.planes if whole else None, self._said.hidden
         if p.recipe == GIVEN:

@@ -174,7 +174,7 @@ class ClosedEdgeSegmenter:
             self._edges[key] = link_edges(self.fields[recipe.softening].thin_edges(recipe.level), self._max_gap)
         px = self.shrink
         shapes = enclosed_silhouettes(self._edges[key], recipe.radius, least / px**2, extent / px)
-        return [_to_full_resolution(shape, px) for shape in shapes]
+        return [to_full_resolution(shape, px) for shape in shapes]
 
 
 class ObjectClosing:
@@ -197,7 +197,7 @@ class ObjectClosing:
         field = NormalizedGradient(image, SOFTENING[recipe.softening], hidden, self._grain)
         edges = link_edges(field.thin_edges(recipe.level), self._max_gap)
         shapes = enclosed_silhouettes(edges, recipe.radius, least / px**2, math.sqrt(least) / px)
-        return [_to_full_resolution(shape, px, origin) for shape in shapes]
+        return [to_full_resolution(shape, px, origin) for shape in shapes]
 
 
 def link_edges(edges: Grey, max_gap: float) -> Grey:
@@ -237,10 +237,10 @@ def _downsample_planes(image: Planes, hidden: Grey | None, times: int) -> tuple[
     return np.asarray(small, dtype=np.float32).reshape(height, width, -1), hidden
 
 
-def _to_full_resolution(shape: Silhouette, px: int, origin: tuple[int, int] = (0, 0)) -> Silhouette:
+def to_full_resolution(shape: Silhouette, px: int, origin: tuple[int, int] = (0, 0)) -> Silhouette:
     """A silhouette of a reduced window in px of the image: pixel centres go to block centres."""
     if px == 1 and origin == (0, 0):
         return shape
-    outer = shape.outer * px + (px - 1) // 2 + np.array(origin, np.int32)
+    outer, *holes = (chain * px + (px - 1) // 2 + np.array(origin, np.int32) for chain in (shape.outer, *shape.holes))
     x, y, w, h = cv2.boundingRect(outer.reshape(-1, 1, 2))
-    return Silhouette(outer, (), shape.area * px**2, (x, y, w, h))
+    return Silhouette(outer, tuple(holes), shape.area * px**2, (x, y, w, h))

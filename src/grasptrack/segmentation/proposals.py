@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from itertools import chain
 from typing import NamedTuple
 
@@ -13,8 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.first_image import FirstImage
+from grasptrack.grasp.force_closure import ON_OUTLINE
 from grasptrack.images import PLAIN, Grey
-from grasptrack.segmentation.closed_edges import RECIPES, ClosedEdgeSegmenter, NormalizedGradient, lab_planes
+from grasptrack.segmentation.closed_edges import (
+    RECIPES,
+    ClosedEdgeSegmenter,
+    NormalizedGradient,
+    lab_planes,
+    to_full_resolution,
+)
+from grasptrack.segmentation.contact_cut import region_at_contacts
 from grasptrack.segmentation.localization import ALIKE as GROUND_ALIKE
 from grasptrack.segmentation.localization import HOLE_CONTRAST
 from grasptrack.segmentation.quadrangles import find_quadrangles
@@ -243,6 +252,22 @@ class PreparedImage:
         height, width = self.edges.planes.shape[:2]
         return int(height * width)
 
+    @cached_property
+    def contact_region(self) -> Silhouette | None:
+        """What the contacts that a person gave lie on, as of `contact_cut.region_at_contacts`."""
+        if self.said.masked or self.said.grasp is None:
+            return None
+        px = self.edges.shrink
+        contacts = np.array([self.to_reduced((x, y)) for x, y in self.said.grasp.contacts.tolist()])
+        found = region_at_contacts(self.edges.planes, contacts, MIN_ENCLOSED / px**2)
+        return None if found is None else to_full_resolution(found, px)
+
+    def misses_contacts(self, shape: Silhouette) -> bool:
+        """Whether a contact that a person gave lies outside a region, and not on its outline; inside may be a hole."""
+        given = () if self.said.grasp is None else self.said.grasp.contacts.tolist()
+        near = max(ON_OUTLINE * math.sqrt(shape.area), SAME_OUTLINE)
+        return any(shape.depth_at(x, y) < -near for x, y in given)
+
     def to_reduced(self, at: Point) -> Point:
         """A point (x, y) px of the image in px of the reduced one."""
         px = self.edges.shrink
@@ -288,6 +313,12 @@ def propose_quadrangles(scene: PreparedImage) -> Iterator[OutlineProposal]:
             yield OutlineProposal(shape, scene.scorer.rate_silhouette(shape))
 
 
+def propose_at_contacts(scene: PreparedImage) -> Iterator[OutlineProposal]:
+    """What the contacts that a person gave lie on."""
+    if scene.contact_region is not None:
+        yield OutlineProposal(scene.contact_region, scene.scorer.rate_silhouette(scene.contact_region))
+
+
 def propose_from_maps(scene: PreparedImage, maps: Sequence[Floats32]) -> Iterator[OutlineProposal]:
     """What a segmenter's maps (H, W), 0 to 1, show at several levels."""
     for each in maps:
@@ -305,7 +336,7 @@ def propose_masks(scene: PreparedImage, maps: Sequence[Floats32]) -> list[Outlin
 
 def propose_silhouettes(scene: PreparedImage, maps: Sequence[Floats32] = ()) -> list[OutlineProposal]:
     """All silhouettes of an image, the best rated first, each once."""
-    pointed_at = list(propose_quadrangles(scene))  # before all else, while the work allows it
+    pointed_at = [*propose_quadrangles(scene), *propose_at_contacts(scene)]  # before all else, while the work allows it
     found = [*propose_thresholds(scene), *propose_closed_edges(scene), *propose_from_maps(scene, maps), *pointed_at]
     _doubt_bridged_gaps(found, scene)
     return _remove_duplicates(sorted(found, key=lambda p: -p.comparison_order), scene)
@@ -381,11 +412,11 @@ def _is_simpler(p: OutlineProposal, other: OutlineProposal, scene: PreparedImage
 def _remove_duplicates(found: list[OutlineProposal], scene: PreparedImage) -> list[OutlineProposal]:
     """Of those that are the same region the first, or the first that shows it in a simpler way."""
     kept: list[OutlineProposal] = []
-    places = np.zeros((len(found), 5))
+    places = np.zeros((len(found), 6))
     for p in found:
         x, y, w, h = p.silhouette.box
         size = math.sqrt(p.silhouette.area)
-        place = np.array([x, y, x + w, y + h, 2.0 * size])
+        place = np.array([x, y, x + w, y + h, 2.0 * size, sum(scene.grey.shape) * scene.misses_contacts(p.silhouette)])
         away = np.abs(places[: len(kept)] - place).max(axis=1, initial=0.0)
         same = np.flatnonzero(away < ALIKE * max(size, MIN_SIZE))
         if not len(same):
