@@ -165,7 +165,7 @@ class CandidateSearch:
         return list(found.values())
 
     def _rate_meant(self) -> list[_Rated]:
-        """The proposals that are meant, each region once, the likeliest first, and before all those that given contacts lie on."""
+        """The proposals that are meant, each region once, the likeliest first; those that miss given contacts come last."""
         if self._masks_only:
             return [_Rated(p, 0.0, 0.0) for p in self.meant[:MAX_COMPARED]]
         compared, said = self.compared_proposals(), self._said
