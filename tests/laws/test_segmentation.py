@@ -1,15 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """From an image to outlines: the right object, its holes, what the border cuts, to a tenth of a pixel."""
 
+import math
+
+import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from grasptrack.errors import ObservationError
+from grasptrack.first_image import FirstImage
+from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.segmentation.closed_edges import lab_planes
+from grasptrack.segmentation.contact_cut import region_at_contacts
 from grasptrack.segmentation.first_look import find_candidates
 from grasptrack.segmentation.proposals import MIN_EXTENT
 from grasptrack.segmentation.silhouettes import candidate_thresholds, otsu_threshold
-from grasptrack_bench.simulation import SHAPES, brushed_texture, plain_texture
+from grasptrack.tracking.initialization import object_at_contacts
+from grasptrack_bench.method import chosen_grasp
+from grasptrack_bench.scenes import SceneCase, ScenePart
+from grasptrack_bench.simulation import SHAPES, SceneFrame, brushed_texture, plain_texture
 from outlines import segment_object
 from stages import EVEN, HEIGHT, WIDTH, photo, pose
 
@@ -169,3 +182,54 @@ def test_otsu_separates_two_levels() -> None:
     histogram[180] = 0
     assert otsu_threshold(histogram) is None
     assert candidate_thresholds(np.full(10, 3, np.uint8)) == []
+
+
+# --- given contacts ------------------------------------------------------------------------------
+
+
+def object_on(case: SceneCase) -> tuple[View, SceneFrame]:
+    """The object that is found under a scene's own contacts in its first image."""
+    frame = case.scene()[0]
+    grasp = Grasp(chosen_grasp(frame.outline))
+    said = FirstImage.of(grasp=grasp.contacts).within(frame.image.shape)
+    return object_at_contacts(find_candidates(frame.image, said), grasp).view, frame
+
+
+@pytest.mark.parametrize("name", ["egg", "key", "spanner"])
+def test_contacts_find_a_part_that_hardly_differs_from_its_ground(name: str) -> None:
+    view, frame = object_on(SceneCase(ScenePart(SHAPES[name]()), "faint", frames=8, seed=4001))
+    assert np.quantile(distances(np.vstack(frame.outline[:1]), view.outer.points), 0.9) < 3.0
+
+
+@pytest.mark.parametrize("kind", ["glossy-table", "touching"])
+def test_contacts_in_a_hole_find_the_part_round_it(kind: str) -> None:
+    view, frame = object_on(SceneCase(ScenePart(SHAPES["gear"]()), kind, frames=8, seed=4001))
+    assert np.quantile(distances(frame.outline[0], view.outer.points), 0.9) < 2.0
+    assert distances(chosen_grasp(frame.outline), view.contours[1].points).max() < 2.0
+
+
+@settings(max_examples=20)
+@given(
+    turn=st.floats(0.0, 360.0),
+    step=st.sampled_from([-60.0, -25.0, 25.0, 60.0]),
+    noise=st.floats(0.0, 4.0),
+    seed=st.integers(0, 99),
+)
+def test_the_cut_is_the_region_between_contacts(turn: float, step: float, noise: float, seed: int) -> None:
+    drawn = np.full((240, 320), 128.0, np.float32)
+    cv2.ellipse(drawn, (160, 120), (70, 40), turn, 0.0, 360.0, 128.0 + step, cv2.FILLED, cv2.LINE_AA)
+    truth = np.abs(drawn - 128.0) > 0.5 * abs(step)
+    image = np.clip(drawn + np.random.default_rng(seed).normal(0.0, noise, drawn.shape), 0, 255).astype(np.uint8)
+    way = 40.0 * np.array([-math.sin(math.radians(turn)), math.cos(math.radians(turn))])
+    contacts = np.array([160.0, 120.0]) + way * np.array([[1.0], [-1.0]])
+    region = region_at_contacts(lab_planes(image), contacts, 100.0)
+    assert region is not None
+    inside = region.filled_window((0, 0, 320, 240)) > 0
+    assert (inside & truth).sum() > 0.93 * (inside | truth).sum()
+    again = region_at_contacts(lab_planes(image), contacts[::-1], 100.0)
+    assert again is not None and np.array_equal(again.outer, region.outer)
+
+
+def test_contacts_move_with_the_picture_that_is_cut_out() -> None:
+    said = FirstImage.of(grasp=[(30.0, 40.0), (60.0, 80.0)]).in_window(10, 20, 100, 200)
+    assert said.grasp is not None and said.grasp.contacts.tolist() == [[20.0, 20.0], [50.0, 60.0]]

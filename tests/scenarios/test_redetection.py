@@ -438,3 +438,13 @@ def test_dark_images_of_a_view_beyond_whose_horizon_surroundings_lie_end_no_run(
 @pytest.mark.slow
 def test_a_spur_of_a_half_discs_outline_does_not_seem_to_fix_where_it_slid_to() -> None:
     never_wrong("half-disc", "clean-6dof", 7, frames=49, seed=7)
+
+
+def test_the_image_right_after_the_first_tells_by_the_surface_too() -> None:
+    case = make_scene_cases([ScenePart(SHAPES["egg"]())], ["glossy-table"], frames=24, seed=4001)[0]
+    first, second = (case.scene()[k] for k in (0, 1))
+    contacts = chosen_grasp(first.outline)
+    tracker = GraspTracker(grasp=contacts)
+    tracker.update(first.image, first.time)
+    result = tracker.update(second.image, second.time)
+    assert result.contacts is None or np.hypot(*(result.contacts - second.carry(contacts)).T).max() < 3.0
