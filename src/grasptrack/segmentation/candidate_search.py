@@ -83,11 +83,12 @@ NESTED_SHARE = 0.4
 
 
 class _Rated(NamedTuple):
-    """A proposal and the logarithm of its worth, with the segmenter's maps and without."""
+    """A proposal, the logarithm of its worth, with the segmenter's maps and without, and whether it holds given contacts."""
 
     proposal: OutlineProposal
     worth: float
     unmapped: float
+    held: bool = False
 
 
 class CandidateSearch:
@@ -165,7 +166,7 @@ class CandidateSearch:
         return list(found.values())
 
     def _rate_meant(self) -> list[_Rated]:
-        """The proposals that are meant, each region once, the likeliest first; those that miss given contacts come last."""
+        """The proposals that are meant, each region once, the likeliest first, and first of all those with given contacts."""
         if self._masks_only:
             return [_Rated(p, 0.0, 0.0) for p in self.meant[:MAX_COMPARED]]
         compared, said = self.compared_proposals(), self._said
@@ -174,11 +175,11 @@ class CandidateSearch:
             numbers = numbers._replace(map_power=numbers.box_power)
         worth, unmapped = (measure_worth(compared, maps, said.box, numbers) for maps in (self._maps, []))
         kept: list[_Rated] = []
-        misses = [self._scene.misses_contacts(p.silhouette) for p in compared]
-        for k in sorted(range(len(compared)), key=lambda k: (misses[k], -worth[k])):
+        held = [self._scene.holds_contacts(p.silhouette) for p in compared]
+        for k in sorted(range(len(compared)), key=lambda k: (not held[k], -worth[k])):
             shape = compared[k].silhouette
             if is_allowed(shape, said) and not any(is_alike(shape, r.proposal.silhouette) for r in kept):
-                kept.append(_Rated(compared[k], float(worth[k]), float(unmapped[k])))
+                kept.append(_Rated(compared[k], float(worth[k]), float(unmapped[k]), held[k]))
         return kept
 
     def _with_probabilities(self, found: list[tuple[Candidate, _Rated]], rated: list[_Rated]) -> list[Candidate]:
@@ -239,7 +240,7 @@ class CandidateSearch:
             if looked >= MAX_CONTOURS:
                 break
             is_offered = False
-            if p.recipe != GIVEN and p.rating.score < least:
+            if p.recipe != GIVEN and p.rating.score < least and not each.held:
                 is_offered = cut < MAX_CUT and p.rating.is_cut and p.rating.score_in_view >= least
                 if not is_offered or not (found or self._said.is_pointed_at):  # alone it is an empty image's ground
                     continue

@@ -262,11 +262,11 @@ class PreparedImage:
         found = region_at_contacts(self.edges.planes, contacts, MIN_ENCLOSED / px**2)
         return None if found is None else to_full_resolution(found, px)
 
-    def misses_contacts(self, shape: Silhouette) -> bool:
-        """Whether a contact that a person gave lies outside a region, and not on its outline; inside may be a hole."""
+    def holds_contacts(self, shape: Silhouette) -> bool:
+        """Whether the contacts that a person gave, if any, lie on a region's outline or, as there may be a hole, inside."""
         given = () if self.said.grasp is None else self.said.grasp.contacts.tolist()
         near = max(ON_OUTLINE * math.sqrt(shape.area), SAME_OUTLINE)
-        return any(shape.depth_at(x, y) < -near for x, y in given)
+        return bool(given) and all(shape.depth_at(x, y) >= -near for x, y in given)
 
     def to_reduced(self, at: Point) -> Point:
         """A point (x, y) px of the image in px of the reduced one."""
@@ -416,7 +416,7 @@ def _remove_duplicates(found: list[OutlineProposal], scene: PreparedImage) -> li
     for p in found:
         x, y, w, h = p.silhouette.box
         size = math.sqrt(p.silhouette.area)
-        place = np.array([x, y, x + w, y + h, 2.0 * size, sum(scene.grey.shape) * scene.misses_contacts(p.silhouette)])
+        place = np.array([x, y, x + w, y + h, 2.0 * size, sum(scene.grey.shape) * scene.holds_contacts(p.silhouette)])
         away = np.abs(places[: len(kept)] - place).max(axis=1, initial=0.0)
         same = np.flatnonzero(away < ALIKE * max(size, MIN_SIZE))
         if not len(same):

@@ -17,7 +17,6 @@ from grasptrack.tracking.evidence import (
     apart_probability,
     departure_probability,
     fixed_probability,
-    is_surface_known,
     missing_evidence,
     other_surface_odds,
     outline_evidence,
@@ -399,7 +398,7 @@ def _log_posteriors(
         there = max(strengths[k] for k in _indices_near(e, estimates, SAME_PLACE))
         alike = _log_add_exp(0.0, there + math.log(lookalike_probability(state, e, expected)))
         # what shows its outline and not its surface is another one
-        missing = max(0.0, missing_evidence(surface)) if is_surface_known(state, expected.steps) else 0.0
+        missing = max(0.0, missing_evidence(surface)) if state.accepted else 0.0
         prior = math.log(expected.presence) + place_prior(e, expected, state.numbers)
         found.append(strength - alike + prior - state.numbers.temper * missing)
     return found

@@ -43,8 +43,6 @@ EXCHANGED = 0.1
 """Prior probability that something else lies in its place, after an image that showed it with more than that."""
 LEAST_AGREEING = 0.05
 """Share of patches that usually agree, below which there is no surface to speak of."""
-AT_ONCE = 1.0
-"""Frames of free motion in which no light is changed for another."""
 STILL_FROM = 1.0
 """px that something has moved, from which on it stands still no more."""
 MAX_EXPONENT = 50.0
@@ -130,7 +128,7 @@ def wrong_object_probability(
         astray = numbers.temper * max(0.0, estimate.astray) * jump / max(strange, jump, 1e-9)
         # the surface shows that an outline is the object's though no light shows its edges; it seldom happens at once
         shape += max(jump - seen, min(jump, _edge_loss_log_odds(state, estimate) + astray))
-        shape += missing_evidence(surface) if is_surface_known(state, steps) else 0.0
+        shape += missing_evidence(surface) if state.accepted else 0.0
         # where the outline is seen nothing differs; one that is seldom seen as it was first tells little
         shape += (
             estimate.other_shape * math.exp(-state.strange)
@@ -141,7 +139,7 @@ def wrong_object_probability(
     # the longer it was not seen the more probably something else was brought
     prior = min(EXCHANGED, prior + numbers.hazard * state.lost * departure_probability(steps, numbers))
     odds = prior * math.exp(min(MAX_EXPONENT, shape))
-    if is_surface_known(state, steps):
+    if state.accepted:  # until then an image may show another of its kind, or the same in other light
         odds += other_surface_odds(surface.log_odds, numbers)
     return odds / (1.0 + odds)
 
@@ -218,12 +216,6 @@ def departure_probability(steps: float, numbers: Numbers) -> float:
     """Probability that an object that moved freely for so many frames left its place, so that another may lie there."""
     nu = numbers.prior_freedom
     return float((1.0 + (SAME_PLACE / (numbers.travel * steps)) ** 2 / nu) ** (-0.5 * nu))
-
-
-def is_surface_known(state: TrackState, steps: float) -> bool:
-    """Whether a surface that differs speaks for another object: in the image that follows the first at once, and in all after
-    one that was accepted. Until then an image may show another of its kind, or the same in other light."""
-    return state.accepted > 0 or steps <= AT_ONCE
 
 
 def other_surface_odds(surface: float, numbers: Numbers) -> float:

@@ -293,7 +293,10 @@ class Follower:
         return self.rivals.expected_way(sight.predictions, pose, sight.solutions.expected.steps)
 
     def _is_sudden(self, estimate: PoseEstimate) -> bool:
-        """Whether the outline lies elsewhere all at once, or much of it is hidden, by what may have carried texture along."""
+        """Whether the outline lies elsewhere all at once, or much of it is hidden, by what may have carried texture along; or
+        the second image of all contradicts the surface of the first one, so that it turned along its outline or is another."""
+        if not self.state.accepted and texture_evidence(self.state, estimate) < 0.0:
+            return True
         numbers, usual = self.state.numbers, max(self.state.strange, self.state.confirmed)
         cover = power_surprisal(estimate.hidden, numbers.cover_power)
         noticed = power_surprisal(numbers.elsewhere, numbers.cover_power)
