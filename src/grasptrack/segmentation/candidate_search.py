@@ -240,9 +240,10 @@ class CandidateSearch:
             if looked >= MAX_CONTOURS:
                 break
             is_offered = False
-            if p.recipe != GIVEN and p.rating.score < least and not each.held:
+            if p.recipe != GIVEN and p.rating.score < least:
                 is_offered = cut < MAX_CUT and p.rating.is_cut and p.rating.score_in_view >= least
-                if not is_offered or not (found or self._said.is_pointed_at):  # alone it is an empty image's ground
+                # alone it is an empty image's ground
+                if not is_offered or not (found or self._said.is_pointed_at or each.held):
                     continue
                 cut += 1
             is_part = _overlaps_found(p.silhouette, taken, [c for c, _ in found])
