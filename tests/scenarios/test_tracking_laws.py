@@ -246,7 +246,7 @@ def test_a_surface_that_looks_like_itself_is_not_followed_to_where_it_looks_alik
     corners = apply_homography(start, np.array([[0.0, 0.0], [210.0, 0.0], [210.0, 150.0], [0.0, 150.0]]))
     sides = [np.linspace(a, b, 150, endpoint=False) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
     followed_ = Follower(first, View([Contour(np.vstack(sides))]), apply_homography(start, contacts))
-    assert len(followed_.target.slides)
+    assert len(followed_.slides)
     steps, located = np.random.default_rng(0).uniform(-34.0, 34.0, (30, 2)), 0
     for k, step in enumerate(steps):
         at = np.clip(at + step, 30.0, 240.0)

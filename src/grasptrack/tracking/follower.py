@@ -35,6 +35,7 @@ from grasptrack.tracking.hypotheses import Predictions, Solutions, predict_hypot
 from grasptrack.tracking.learning import learn, lose
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
+from grasptrack.tracking.patches import self_similar_shifts
 from grasptrack.tracking.pose import (
     CONTINUOUS,
     TRIED,
@@ -117,6 +118,7 @@ class Follower:
         state: of the object.
         redetection: finds it after a loss.
         risk: that is asked for; images teach only what is sure at the default risk too.
+        slides: (n, 2) work px, shifts under which the surface looks like itself, the nearest first.
     """
 
     def __init__(
@@ -132,6 +134,7 @@ class Follower:
         levels = build_pyramid(grey)
         self.risk, hidden = numbers.risk, None if observer is None else observer.hidden
         target = make_target(levels, view, contacts, numbers.for_learning(DEFAULT_RISK), hidden)
+        self.slides = self_similar_shifts(*target.surface, target.noise, target.size, target.numbers)
         self.state = first_state(target, levels, before, time)
         self.redetection = Redetection(target, levels, observer, hidden)
         self.rivals = Rivals(self.state, self.redetection)
@@ -310,15 +313,15 @@ class Follower:
         """
         state, target, numbers = self.state, self.target, self.state.numbers
         missing = -math.log(numbers.risk) / numbers.temper
-        for _ in target.slides:  # from one to the next, as far as it slid
+        for _ in self.slides:  # from one to the next, as far as it slid
             e = decision.estimate
             if e is None:
                 break
             moved = target.pose_difference(state.last.G, e.G)
-            near = float(np.hypot(*moved[:2])) < 0.5 * float(np.hypot(*target.slides[0]))
+            near = float(np.hypot(*moved[:2])) < 0.5 * float(np.hypot(*self.slides[0]))
             if near and not state.lost and solutions.missing_texture(e) < missing:
                 break
-            G = [e.G @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]) for x, y in target.slides]
+            G = [e.G @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]) for x, y in self.slides]
             P = e.P + numbers.predicted**2 * target.noise_of_motion
             solutions.add([Hypothesis(e.origin, each, P) for each in G])
             decision = solutions.decide_among()

@@ -5,12 +5,14 @@ import math
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from grasptrack.kernels import PATCH_SIDE
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, as_grey
 from grasptrack.typing import Floats
 
+Spectrum = NDArray[np.complex128]
 SECOND_DIFFERENCE = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
 """Of which noise has a standard deviation that is larger by its norm."""
 SECOND_NORM = 6.0
@@ -96,24 +98,25 @@ def self_similar_shifts(image: Grey, mask: Grey, noise: float, size: float, numb
     contrast = np.where(inside, (small - mean) / np.sqrt(variance + noise**2), 0.0)
     height, width = (2 * side for side in small.shape)
 
-    def shifted_sum(a: Floats, b: Floats) -> Floats:
-        """At (dy, dx), with the origin in the middle: the sum of a where b is, shifted by so much."""
-        product = np.fft.irfft2(
-            np.fft.rfft2(a, (height, width)).conj() * np.fft.rfft2(b, (height, width)), (height, width)
-        )
-        return np.asarray(np.fft.fftshift(product), dtype=np.float64)
+    there, own, alike = (
+        np.fft.rfft2(values, (height, width)) for values in (inside.astype(np.float64), contrast**2, contrast)
+    )
 
-    own, there = contrast**2, inside.astype(np.float64)
-    alike = shifted_sum(contrast, contrast) / np.sqrt(
+    def shifted_sum(a: Spectrum, b: Spectrum) -> Floats:
+        """At (dy, dx), with the origin in the middle: the sum of a where b is, shifted by so much."""
+        return np.asarray(np.fft.fftshift(np.fft.irfft2(a.conj() * b, (height, width))), dtype=np.float64)
+
+    correlation = shifted_sum(alike, alike) / np.sqrt(
         np.maximum(shifted_sum(own, there) * shifted_sum(there, own), 1e-6)
     )
-    overlap = shifted_sum(there, there) / there.sum()
+    overlap = shifted_sum(there, there) / float(inside.sum())
     middle = np.array([height // 2, width // 2])
-    peak = (alike > _as_likely(numbers)) & (overlap > MIN_OVERLAP) & (alike >= cv2.dilate(alike, np.ones((5, 5))))
+    highest = cv2.dilate(correlation, np.ones((5, 5)))
+    peak = (correlation > _as_likely(numbers)) & (overlap > MIN_OVERLAP) & (correlation >= highest)
     found = np.argwhere(peak) - middle
     away = np.hypot(*found.T)
     order = np.argsort(away, kind="stable")
-    halfway = alike[tuple((found // 2 + middle).T)]
+    halfway = correlation[tuple((found // 2 + middle).T)]
     kept = [k for k in order if away[k] > numbers.tolerance * size * scale and halfway[k] < _as_likely(numbers)]
     return np.asarray(found[kept[:MAX_SLIDES], ::-1] / scale, dtype=np.float64).reshape(-1, 2)
 

@@ -26,7 +26,6 @@ from grasptrack.tracking.patches import (
     camera_noise,
     rectify_image,
     select_textured_patches,
-    self_similar_shifts,
     surface_samples,
 )
 from grasptrack.tracking.target import Grey, Recipe, Target, as_grey, hidden_levels
@@ -179,7 +178,7 @@ def make_target(
         _background_ring_points(mask),
         tuple(np.asarray(back @ H @ A, dtype=np.float64) for H in turns),
         is_round,
-        self_similar_shifts(image, surface_mask, noise, size, numbers),
+        (image, surface_mask),
         tuple(counts[:FINE_LEVELS]),
         edges.share,
         edges.width,

@@ -94,7 +94,7 @@ class Target:
         ring: (n, 2) work px, places round it, at which the ground's motion is measured.
         turns: (3, 3) work px -> work px each, turns under which the outline fits itself.
         is_round: the outline fits itself in any turn.
-        slides: (n, 2) work px, shifts under which the surface looks like itself, the nearest first.
+        surface: (H, W) the rectified first view, and (H, W) nonzero on its surface.
         strides: work px between the pixels of a patch, fine to coarse.
         counts: of patches on each of the finest levels.
         edge_share: of the outline's samples, which have an edge; edge_width: work px, their standard deviation, the median.
@@ -119,7 +119,7 @@ class Target:
     ring: Floats
     turns: tuple[Floats, ...]
     is_round: bool
-    slides: Floats
+    surface: tuple[Grey, Grey]
     counts: tuple[int, ...]
     edge_share: float
     edge_width: float
