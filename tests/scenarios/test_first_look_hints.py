@@ -66,6 +66,15 @@ def test_a_rough_outline_is_moved_onto_the_edges(off: float) -> None:
     assert found.view.outer.area == pytest.approx(area_of(PLATE), rel=0.03)
 
 
+def test_print_at_the_border_takes_no_bite_out_of_an_outline_that_was_drawn() -> None:
+    """What is like the table beside it, 18 px deep, is a notch to who has no word of a person's."""
+    plate, label = square(320, 240, 110), np.array([[210, 210], [228, 210], [228, 218], [210, 218]])
+    image = cv2.fillPoly(bench(plate), [label], (190,))
+    (found,) = gt.first_look(cv2.GaussianBlur(image, (0, 0), 0.8), outline=plate)
+    away = [abs(cv2.pointPolygonTest(plate, at, True)) for at in found.view.outer.points.tolist()]
+    assert max(away) < 3.0
+
+
 def test_a_rough_outline_is_kept_where_there_is_no_edge() -> None:
     """Two thirds of it lie on nothing: drawn is drawn."""
     rng = np.random.default_rng(2)

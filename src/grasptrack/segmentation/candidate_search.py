@@ -206,21 +206,25 @@ class CandidateSearch:
         return [judged[0]._replace(**{**signs._asdict(), "rating": judged[0].rating}), *judged[1:]]
 
     def _drawn_candidate(self, polygon: Floats) -> Candidate:
-        """What a rough polygon is: the best rated proposal that agrees with it all round, else the polygon moved onto the edges
-        beside it.
+        """What a rough polygon is: the best rated proposal that agrees with it all round, or the polygon moved onto the edges
+        beside it, whichever of both lies on its edges more firmly: print at the border bites into a proposal.
         """
+        found: list[Candidate] = []
         for p in sorted(self._proposals, key=lambda p: -p.comparison_order):
             if _is_beside(p.silhouette, polygon) and outline_agreement(p.silhouette, polygon, AGREEING) >= ALL_ROUND:
-                found = self._localize_proposal(p)
-                if found is not None:
-                    return self._judge_drawn(found)._replace(rating=p.rating.score)
+                candidate = self._localize_proposal(p)
+                if candidate is not None:
+                    found = [candidate._replace(rating=p.rating.score)]
+                    break
         shape = polygon_silhouette(self._snapper.snap(polygon), self._scene.grey.shape)
-        if shape is None or shape.longer_side < MIN_EXTENT:
+        if shape is not None and shape.longer_side >= MIN_EXTENT:
+            candidate = candidate_of_edges(self._scene.colours, self._scene.planes, shape, self._said.hidden)
+            found += [] if candidate is None else [self._with_recipe(candidate, shape)]
+        elif not found:
             raise ObservationError(f"the outline that was drawn is less than {MIN_EXTENT} px across")
-        candidate = candidate_of_edges(self._scene.colours, self._scene.planes, shape, self._said.hidden)
-        if candidate is None:
+        if not found:
             raise ObservationError("the outline that was drawn lies beyond the image for the most part")
-        return self._judge_drawn(self._with_recipe(candidate, shape))
+        return max((self._judge_drawn(candidate) for candidate in found), key=lambda candidate: candidate.returned)
 
     def _judge_drawn(self, candidate: Candidate) -> Candidate:
         """What a person drew, with its probability to be right."""
