@@ -3,6 +3,7 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,8 +12,17 @@ from hypothesis import strategies as st
 from grasptrack import kernels
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
-from grasptrack.matching import Sampled, find_symmetries, judge_hypotheses, match_outlines
+from grasptrack.matching import (
+    Sampled,
+    find_symmetries,
+    judge_hypotheses,
+    lay_several,
+    match_outlines,
+    match_several,
+    may_match,
+)
 from grasptrack.matching.rating import fits_alike
+from grasptrack.matching.samples import APART, BENDS, COUNT, pooled_starts
 from grasptrack_bench.simulation import SHAPES, Path, Pinhole, Shape
 from grasptrack_bench.simulation.lookalikes import mirrored_shape
 from outlines import BRACKET, dense, similarities, stars
@@ -172,3 +182,49 @@ def test_discs_and_rings_fit_in_every_turn():
         assert found.continuous and not found.turns
     off = Shape.of("off", circle, [0.3 * circle + [0.5, 0.0]])
     assert not find_symmetries(seen(off, similarity_transform(100.0, 0.0, (0, 0), (300, 200)))).turns
+
+
+# --- several outlines on one ------------------------------------------------------------------------
+
+
+@given(st.lists(stars(count=120), min_size=1, max_size=4), stars(count=120), st.floats(0.1, 1.0))
+def test_pooled_starts_are_the_best_of_those_of_each_pair(firsts, second, limit):
+    """What the harmonics rule out is none of them."""
+    first, b = [Sampled(Contour(points)) for points in firsts], Sampled(Contour(second))
+    got = pooled_starts([a.whitened_bent for a in first], b.whitened_outline, 12, limit)
+    pairs = [kernels.initial_alignments(a.outer, b.outer, BENDS, COUNT, APART, 12) for a in first]
+    wanted = np.sort(np.concatenate([rows[:, 0] for rows in pairs]))
+    np.testing.assert_allclose(got.left, wanted[wanted <= limit][:12], atol=1e-6)
+    for index, left, H in zip(got.owner, got.left, got.homographies, strict=True):
+        rows = pairs[index]
+        alike = np.abs(rows[:, 0] - left) < 1e-6
+        assert np.abs(rows[alike, 2:] - H).max(axis=1).min() < 1e-6 * np.abs(H).max() + 1e-6
+
+
+@pytest.mark.parametrize("name", ONE_WAY)
+def test_of_several_outlines_the_right_one_is_laid_on_the_whole(name):
+    kinds = [Sampled(Contour(100.0 * SHAPES[each]().outer)) for each in ONE_WAY]
+    view = seen(SHAPES[name](), H := posed(SHAPES[name](), 0.6, 1.0, 0.4, 0.5))
+    found = match_several(kinds, Sampled(view), 0.35)
+    own = ONE_WAY.index(name)
+    assert may_match(kinds, Sampled(view), 0.35) and found[own]
+    at = 100.0 * SHAPES[name]().outer
+    gaps = apply_homography(found[own][0].homography, at) - apply_homography(H, at / 100.0)
+    assert np.hypot(*gaps.T).max() < 0.04 * Sampled(view).size
+    assert all(m[0].misfit > found[own][0].misfit for k, m in enumerate(found) if m and k != own)
+
+
+def test_an_outline_is_laid_on_a_part_of_a_larger_one():
+    """A bracket and a square that touch, as one outline."""
+    bracket = 100.0 * SHAPES["bracket"]().outer
+    (_, top), (right, bottom) = bracket.min(axis=0), bracket.max(axis=0)
+    beside = np.array([[right - 4, top], [right + 90, top], [right + 90, bottom], [right - 4, bottom]])
+    mask = np.zeros((700, 700), np.uint8)
+    for ring in (bracket, beside):
+        cv2.fillPoly(mask, [np.rint(ring + 300.0).astype(np.int32)], (255,))
+    chain = max(cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)[:, 0].astype(float)
+    (ways, none) = lay_several(
+        [Sampled(Contour(bracket)), Sampled(Contour(100.0 * SHAPES["spanner"]().outer))], Sampled(Contour(chain[::-1]))
+    )
+    assert min(np.abs(apply_homography(H, bracket) - bracket - 300.0).max() for H in ways) < 6.0
+    assert len(ways) <= 3 and len(none) <= 3

@@ -13,7 +13,9 @@ import pytest
 import grasptrack as gt
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
+from grasptrack.first_image import FirstImage
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.segmentation.candidate_search import CandidateSearch
 from grasptrack.tracking.image_pair import transfer_between_images
 from scenery import L_PLATE, drawn
 
@@ -68,6 +70,22 @@ def test_every_instance_is_found_where_it_lies() -> None:
         np.testing.assert_allclose(apply_homography(one.homography, part().grasps[0].contacts), one.contacts, atol=1e-6)
         assert one.confidence >= 0.999 and one.edge > 0.9 and (one.seen > 0.5).all() and one.analysis.stable
         assert np.isinf(one.room) and not one.mirrored and one.turns == () and one.covariance.shape == (2, 2, 2)
+
+
+def test_what_is_explained_leaves_of_what_touches_it_the_rest() -> None:
+    """Two squares with a common side are one region; without one of them the other one is."""
+    image = np.full(SIZE, 200, np.uint8)
+    image[150:300, 150:450] = 60
+    image = cv2.GaussianBlur(image, (0, 0), 0.8)
+    search = CandidateSearch(image, FirstImage().within(SIZE), None)
+    assert [round(rough.view.outer.area, -3) for rough in search.rough_outlines()] == [45_000]
+    explained = np.zeros(SIZE, np.uint8)
+    explained[150:300, 150:300] = 255
+    search.leave_out(explained)
+    (rest,) = search.rough_outlines()
+    assert rest.view.is_clipped and rest.view.outer.points[:, 0].min() == pytest.approx(302, abs=2)
+    found = rest.localized_candidate
+    assert found is not None and found.view.outer.points[:, 0].max() == pytest.approx(449.5, abs=0.3)
 
 
 def test_one_part_is_found_where_transfer_has_it() -> None:

@@ -3,13 +3,26 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from itertools import islice
+
 import numpy as np
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline
 from grasptrack.kernels.results import AlignmentSteps
-from grasptrack.matching.rating import Match, lies_on, measure_observability, rate_homography
-from grasptrack.matching.samples import Sampled, align_parts, align_pieces, align_wholes, as_sampled
+from grasptrack.matching.rating import LEAST_SHARE, NEAR, REACH, Match, lies_on, measure_observability, rate_homography
+from grasptrack.matching.samples import (
+    STARTS_PIECES,
+    STARTS_WHOLE,
+    Sampled,
+    Starts,
+    align_parts,
+    align_wholes,
+    as_sampled,
+    pooled_starts,
+)
 from grasptrack.typing import Floats
 
 Steps = tuple[Floats, Floats]
@@ -19,6 +32,9 @@ COARSE: tuple[Steps, ...] = (
     (np.array([0.12, 0.1, 0.1, 0.1]), np.full(4, 1e-4)),
 )
 """Step by step: reach in sqrt(area), damping. Few samples, of every start, and of those that are not hopeless."""
+QUICK: tuple[Steps, ...] = ((COARSE[0][0][:1], COARSE[0][1][:1]), (COARSE[0][0][1:], COARSE[0][1][1:]), COARSE[1])
+"""The same where outlines compete: what is hopeless is given up after the first step."""
+QUICK_SAMPLES = 32
 HOPELESS, HOPELESS_SHARE = 3.0, 0.03
 """What is left with more than so many times the least misfit, and more than this share of sqrt(area) beyond it, is given
 up after the first coarse steps."""
@@ -30,6 +46,12 @@ FINE: Steps = np.array([0.08, 0.06, 0.06, 0.05]), np.array([1e-5, 1e-6, 1e-6, 1e
 PROMISING, PROMISING_SHARE = 3.0, 0.02
 """What is left with more than so many times the least misfit, and more than this share of sqrt(area) beyond it, is given
 up after the coarse steps."""
+WHOLE = 0.8
+"""A share of both outlines that lies on the other where one of several is laid on the whole of one, ..."""
+MOST_LEFT = math.sqrt(WHOLE * NEAR**2 + (1.0 - WHOLE) * REACH**2)
+"""... and share of sqrt(area) that is left then at most."""
+MOST_LEFT_PARTLY = math.sqrt(LEAST_SHARE * NEAR**2 + (1.0 - LEAST_SHARE) * REACH**2)
+"""The same of sqrt(area) of what most of one outline is laid on a part of."""
 FINAL = 7
 """Hypotheses that are refined on all samples."""
 SETTLED, SETTLED_SHARE = 3.0, 0.005
@@ -68,21 +90,58 @@ def match_outlines(
     return [_to_image_coordinates(m, a, b) for m in found[:most]]
 
 
-def lay_partly(first: Outline | Sampled, second: Outline | Sampled, most: int = 3) -> list[Floats]:
-    """Homographies (3, 3) that lay most of one outline on a part of another, as on that of parts that touch, or are covered.
+def may_match(firsts: Sequence[Sampled], second: Sampled, limit: float) -> bool:
+    """Whether one of several outlines differs from another, whitened, by no more than a share of their norm."""
+    return bool(len(pooled_starts([a.whitened_bent for a in firsts], second.whitened_outline, 1, limit).left))
+
+
+def match_several(firsts: Sequence[Sampled], second: Sampled, limit: float = 1.0) -> list[list[Match]]:
+    """The homographies that may lay each of several outlines on the whole of one, those of each the best first.
+
+    What one of them leaves is held against what the others do, as the ways of one outline are held against each other: the
+    work hardly grows with their number. The slack is not measured.
+
+    Args:
+        firsts: samples of the outlines.
+        second: samples of the one that they are laid on.
+        limit: share of their norm by which whitened outlines differ at most that may be one.
+    """
+    starts = pooled_starts([a.whitened_bent for a in firsts], second.whitened_outline, STARTS_WHOLE, limit)
+    coarse = _promising_rows(starts, firsts, second, MOST_LEFT * second.size)
+    found = [_refine_rows(rows, a, second) for a, rows in zip(firsts, coarse, strict=True)]
+    found = [[m for m in ways if m.share >= WHOLE] for ways in found]
+    most = _settled_limit(min((ways[0].misfit for ways in found if ways), default=0.0), second)
+    return [
+        [_to_image_coordinates(m, a, second) for m in ways if m.misfit <= most]
+        for a, ways in zip(firsts, found, strict=True)
+    ]
+
+
+def lay_several(firsts: Sequence[Sampled], second: Sampled, limit: float = 1.0, most: int = 3) -> list[list[Floats]]:
+    """Homographies (3, 3) that lay most of each of several outlines on a part of one, as on that of parts that touch.
 
     What else the second one has is not looked at, so that nothing but its image says whether one of them is right. They are
-    distinct, `most` at most, those that leave least first.
+    distinct, `most` at most of each, those that leave least first. Whitened pieces that differ by more than `limit`, a share of
+    their norm, are others.
     """
-    a, b = as_sampled(first), as_sampled(second)
-    rows = _refine_coarse(np.concatenate([align_pieces(a, b), align_parts(a, b)]), a, b)
-    if not len(rows):
-        return []
-    fine = _align_starts(np.ascontiguousarray(rows[: 4 * most, :9]), a, b, FINE, [2] * len(FINE[0]))
-    fine = fine[np.argsort(fine[:, 9], kind="stable")]
-    kept = [fine[i] for i in _distinct_indices(fine, a, a.size)] if len(fine) else []
-    ways = [_between_images(row[:9].reshape(3, 3), a, b) for row in kept if lies_on(row[:9].reshape(3, 3), a, b)]
-    return ways[:most]
+    starts = pooled_starts([a.whitened_outline for a in firsts], second.whitened_pieces, STARTS_PIECES, limit)
+    found: list[list[Floats]] = []
+    for a, rows in zip(firsts, _promising_rows(starts, firsts, second, MOST_LEFT_PARTLY * second.size), strict=True):
+        begun = np.ascontiguousarray(rows[: 4 * most, :9])
+        fine = _align_starts(begun, a, second, FINE, [2] * len(FINE[0])) if len(begun) else rows
+        fine = fine[np.argsort(fine[:, 9], kind="stable")]
+        ways = (fine[i, :9].reshape(3, 3) for i in (_distinct_indices(fine, a, a.size) if len(fine) else []))
+        found.append([_between_images(H, a, second) for H in islice((H for H in ways if lies_on(H, a, second)), most)])
+    return found
+
+
+def _promising_rows(starts: Starts, firsts: Sequence[Sampled], b: Sampled, most: float) -> list[Floats]:
+    """(k, 10) for each of several outlines, as `_refine_coarse` gives them, those that promise something beside the best and
+    leave no more than so many px."""
+    coarse = [_refine_coarse(starts.of(i), a, b, QUICK, QUICK_SAMPLES) for i, a in enumerate(firsts)]
+    least = min((float(rows[0, 9]) for rows in coarse if len(rows)), default=0.0)
+    limit = min(most, max(PROMISING * least, least + PROMISING_SHARE * b.size))
+    return [rows[rows[:, 9] <= limit] for rows in coarse]
 
 
 def refine_homographies(starts: Floats, first: Outline | Sampled, second: Outline | Sampled) -> list[Match]:
@@ -128,7 +187,12 @@ def _to_image_coordinates(m: Match, a: Sampled, b: Sampled) -> Match:
 
 def _refine_starts(begun: Floats, a: Sampled, b: Sampled) -> list[Match]:
     """Distinct hypotheses that starts (k, 9) lead to, the least misfit first."""
-    found = _refine_fine(_refine_coarse(begun, a, b), a, b)
+    return _refine_rows(_refine_coarse(begun, a, b), a, b)
+
+
+def _refine_rows(coarse: Floats, a: Sampled, b: Sampled) -> list[Match]:
+    """The same of what is left of the starts after the coarse steps (k, 10)."""
+    found = _refine_fine(coarse, a, b)
     if found and len(a.self_alignments):  # what nearly lies on itself must lie there in the best of its ways
         best = found[0].homography
         ways = (best @ a.self_alignments.reshape(-1, 3, 3)).reshape(-1, 9)
@@ -138,7 +202,7 @@ def _refine_starts(begun: Floats, a: Sampled, b: Sampled) -> list[Match]:
 
 def _refine_to_convergence(found: list[Match], a: Sampled, b: Sampled) -> list[Match]:
     """Those that are left when all that come near the best one are refined to the end: slow ones join it."""
-    limit = max(SETTLED * found[0].misfit, found[0].misfit + SETTLED_SHARE * b.size)
+    limit = _settled_limit(found[0].misfit, b)
     near = [m for m in found if m.misfit <= limit]
     reaches, damping = FINE
     rows = np.array([m.homography.ravel() for m in near])
@@ -150,11 +214,20 @@ def _refine_to_convergence(found: list[Match], a: Sampled, b: Sampled) -> list[M
     return _merge_duplicates(refined + [m for m in found if m.misfit > limit], a)
 
 
-def _refine_coarse(begun: Floats, a: Sampled, b: Sampled) -> Floats:
+def _settled_limit(least: float, b: Sampled) -> float:
+    """px, misfit up to which a hypothesis may turn out to be as good as the best one."""
+    return max(SETTLED * least, least + SETTLED_SHARE * b.size)
+
+
+def _refine_coarse(
+    begun: Floats, a: Sampled, b: Sampled, way: tuple[Steps, ...] = COARSE, samples: int = COARSE_SAMPLES
+) -> Floats:
     """(k, 10) distinct homographies, on few samples, the least misfit first."""
-    stride = max(1, len(a.points) // COARSE_SAMPLES)
+    stride = max(1, len(a.points) // samples)
+    if not len(begun):
+        return np.zeros((0, 10))
     found, noise = begun, max(COARSE_NOISE * b.size, LEAST_NOISE)
-    for steps in COARSE:
+    for steps in way:
         found = _align_starts(np.ascontiguousarray(found[:, :9]), a, b, steps, [stride] * len(steps[0]), noise)
         if len(found):
             least = float(found[:, 9].min())

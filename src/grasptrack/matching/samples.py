@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -40,6 +41,34 @@ ABOVE_NOISE = 9.0
 """Power of a harmonic over that of noise from which on it is the outline's own: noise exceeds it once in e^9 harmonics."""
 NOISE_FROM = 0.375
 """Orders of harmonics over the number of points from which on they are noise: the highest quarter."""
+
+
+COUNT = 128
+"""Samples of a whitened outline."""
+IN_FRONT = 0.25
+"""A bend that magnifies a part of the outline by more than the inverse of this is not tried."""
+APART = 0.025
+"""Lengths of the outline between two starts."""
+AT_ONCE = 64
+"""Pairs that are laid on each other at once, the most promising first."""
+Spectra = NDArray[np.complex128]
+Row = tuple[float, int, int, int, complex]
+"""How alike a pair is, the indices of both, the shift between them, and their correlation."""
+
+
+def _perspective_bends(*rings: tuple[float, int]) -> Floats:
+    turns = [(0.0, 0.0)]
+    for radius, count in rings:
+        step = 2.0 * math.pi / count
+        turns += [(radius * math.cos(step * k), radius * math.sin(step * k)) for k in range(count)]
+    return np.array(turns)
+
+
+BENDS = _perspective_bends((0.1, 6))
+"""Perspective that is tried, in units of the whitened outline: up to 0.18 arises when an object that fills 60 % of a view
+of 60 degrees is tilted by 60; nine of ten such views are below 0.11."""
+MORE_BENDS = _perspective_bends((0.08, 6), (0.15, 6))
+"""The same where a first look found nothing that fits."""
 
 
 class Sampled:
@@ -92,35 +121,41 @@ class Sampled:
         own = np.abs(np.mod(found[:, 1] + 0.5, 1.0) - 0.5) < TWIN_APART
         return np.ascontiguousarray(found[(found[:, 0] <= TWIN) & ~own, 2:])
 
+    @cached_property
+    def whitened_outline(self) -> Whitened:
+        """The outer contour."""
+        return Whitened.of([self.outer], BENDS[:1])
+
+    @cached_property
+    def whitened_bent(self) -> Whitened:
+        """The outer contour as it is, and bent by perspective."""
+        return Whitened.of([self.outer], BENDS)
+
+    @cached_property
+    def whitened_pieces(self) -> Whitened:
+        """What straight cuts leave of the outer contour."""
+        depths = [(self.outer @ np.array([math.cos(angle), math.sin(angle)]), share) for angle, share in PIECES]
+        rings = [self.outer[depth <= np.sort(depth)[int((1.0 - share) * len(depth))]] for depth, share in depths]
+        return Whitened.of(rings, BENDS[:1])
+
 
 def as_sampled(outline: Outline | Sampled) -> Sampled:
     """The samples of an outline; samples come back as they are."""
     return outline if isinstance(outline, Sampled) else Sampled(outline)
 
 
-def _perspective_bends(*rings: tuple[float, int]) -> Floats:
-    turns = [(0.0, 0.0)]
-    for radius, count in rings:
-        step = 2.0 * math.pi / count
-        turns += [(radius * math.cos(step * k), radius * math.sin(step * k)) for k in range(count)]
-    return np.array(turns)
-
-
-BENDS = _perspective_bends((0.1, 6))
-"""Perspective that is tried, in units of the whitened outline: up to 0.18 arises when an object that fills 60 % of a view
-of 60 degrees is tilted by 60; nine of ten such views are below 0.11."""
-MORE_BENDS = _perspective_bends((0.08, 6), (0.15, 6))
-"""The same where a first look found nothing that fits."""
-COUNT = 128
-"""Samples of the whitened alignment."""
-APART, APART_MORE = 0.025, 0.015
-"""Lengths of the outline between two starts."""
+APART_MORE = 0.015
+"""Lengths of the outline between two of more starts."""
 STARTS, STARTS_MORE = 14, 24
 """Alignments that are refined."""
+STARTS_WHOLE = 10
+"""Alignments of any of several outlines with the whole of one that are refined."""
 CUTS = tuple((2.0 * math.pi * k / 12, share) for share in (0.15, 0.3) for k in range(12))
 """Direction in rad, and share of the outline that is cut off there, of the parts that are tried."""
 STARTS_CUT = 24
 """Alignments of parts that are refined."""
+STARTS_PIECES = 96
+"""Alignments of any of several outlines with pieces of one that are refined."""
 PIECES = tuple((2.0 * math.pi * k / 12, share) for share in (0.35, 0.5, 0.65) for k in range(12))
 """The same of what is cut off an outline that is of several parts which touch."""
 
@@ -148,18 +183,124 @@ def align_parts(a: Sampled, b: Sampled) -> Floats:
     return np.ascontiguousarray(found[np.argsort(found[:, 0], kind="stable")][:STARTS_CUT, 2:])
 
 
-def align_pieces(a: Sampled, b: Sampled) -> Floats:
-    """(k, 9) homographies that lay the whole of the first outer contour on what a straight cut leaves of the second."""
-    rows = []
-    for angle, share in PIECES:
-        depth = b.outer @ np.array([math.cos(angle), math.sin(angle)])
-        piece = np.ascontiguousarray(b.outer[depth <= np.quantile(depth, 1.0 - share)])
-        try:
-            rows.append(kernels.initial_alignments(a.outer, piece, BENDS[:1], COUNT, APART, 4))
-        except ValueError:  # a hair, or a tangle: it encloses nothing
-            continue
-    found = np.concatenate([np.zeros((0, 11)), *rows])
-    return np.ascontiguousarray(found[np.argsort(found[:, 0], kind="stable")][:STARTS_CUT, 2:])
+class Whitened(NamedTuple):
+    """Outlines after the affine maps that make their areas' second moments 1, at equal steps of their lengths.
+
+    Attributes:
+        spectra: (n, COUNT) their transforms, of unit norm.
+        maps: (n, 3, 3) from the outline, px, to what was transformed.
+    """
+
+    spectra: Spectra
+    maps: Floats
+
+    @classmethod
+    def of(cls, rings: Sequence[Floats], bends: Floats) -> Whitened:
+        """Outlines (N, 2) px, each after perspectives (k, 2), in units of the whitened one; none of what encloses nothing."""
+        samples, maps = [], []
+        for ring in rings:
+            to_white = _whitening_map(ring)
+            if to_white is None:
+                continue
+            white = np.ascontiguousarray(ring @ to_white[:2, :2].T + to_white[:2, 2])
+            for bend in bends:
+                again, bent = to_white, white
+                if bend.any():
+                    depth = white @ bend + 1.0
+                    bent = np.ascontiguousarray(white / depth[:, None])
+                    own = _whitening_map(bent) if depth.min() >= IN_FRONT else None
+                    if own is None:
+                        continue
+                    bent = np.ascontiguousarray(bent @ own[:2, :2].T + own[:2, 2])
+                    again = own @ np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [*bend, 1.0]]) @ to_white
+                at = kernels.resample(bent, COUNT, 0.0)
+                samples.append(at[:, 0] + 1j * at[:, 1])
+                maps.append(again)
+        z = np.array(samples, dtype=np.complex128).reshape(-1, COUNT)
+        z -= z.mean(axis=1, keepdims=True)
+        z /= np.linalg.norm(z, axis=1, keepdims=True)
+        return cls(np.fft.fft(z, axis=1), np.array(maps).reshape(-1, 3, 3))
+
+
+class Starts(NamedTuple):
+    """Alignments of several outlines with one, the best first.
+
+    Attributes:
+        owner: (k,) index of the first outline.
+        left: (k,) share of the whitened outlines' norm by which they differ.
+        homographies: (k, 9) first -> second.
+    """
+
+    owner: NDArray[np.intp]
+    left: Floats
+    homographies: Floats
+
+    def of(self, index: int) -> Floats:
+        """(k, 9) homographies of one of the first outlines."""
+        return np.ascontiguousarray(self.homographies[self.owner == index])
+
+
+def pooled_starts(firsts: Sequence[Whitened], second: Whitened, most: int, limit: float = 1.0) -> Starts:
+    """The best alignments of any of several outlines with one, or with pieces of it, at any turn and first point.
+
+    Args:
+        firsts: of the first outlines.
+        second: of the second one, or of pieces of it.
+        most: alignments at most.
+        limit: share of the norm by which they may differ.
+    """
+    owner = np.repeat(np.arange(len(firsts)), [len(f.maps) for f in firsts])
+    a = np.concatenate([np.zeros((0, COUNT)), *(f.spectra for f in firsts)])
+    maps = np.concatenate([np.zeros((0, 3, 3)), *(f.maps for f in firsts)])
+    # however they are turned and wherever they begin, they are no more alike than their harmonics
+    bound = np.abs(a) @ np.abs(second.spectra).T / COUNT
+    order = np.argsort(-bound, axis=None)
+    order = order[bound.ravel()[order] >= math.sqrt(1.0 - limit**2)]
+    found: list[Row] = []
+    for begin in range(0, len(order), AT_ONCE):
+        i, j = np.unravel_index(order[begin : begin + AT_ONCE], bound.shape)
+        if len(found) >= most and bound[i[0], j[0]] < found[most - 1][0]:
+            break
+        c = np.fft.ifft(a[i].conj() * second.spectra[j], axis=1)
+        alike = np.abs(c)
+        peak = (alike >= np.roll(alike, 1, axis=1)) & (alike > np.roll(alike, -1, axis=1))
+        rows, shifts = np.nonzero(peak & (alike >= math.sqrt(1.0 - limit**2)))
+        columns: list[Any] = [alike[rows, shifts], i[rows], j[rows], shifts, c[rows, shifts]]
+        more: list[Row] = list(zip(*(column.tolist() for column in columns), strict=True))
+        found = _begun_apart(sorted([*found, *more], key=lambda row: -row[0]), owner, most)
+    at, on = (np.array([row[k] for row in found], dtype=np.intp) for k in (1, 2))
+    turn = np.array([row[4] / row[0] for row in found], dtype=np.complex128)
+    turns = np.zeros((len(found), 3, 3))
+    turns[:, 0, 0] = turns[:, 1, 1] = turn.real
+    turns[:, 1, 0], turns[:, 0, 1], turns[:, 2, 2] = turn.imag, -turn.imag, 1.0
+    H = np.linalg.inv(second.maps[on]) @ turns @ maps[at]
+    left = np.sqrt(np.maximum(0.0, 1.0 - np.array([row[0] for row in found]) ** 2))
+    return Starts(owner[at], left, (H / H[:, 2:, 2:]).reshape(-1, 9))
+
+
+def _begun_apart(rows: list[Row], owner: NDArray[np.intp], most: int) -> list[Row]:
+    """The first of those of one outline on one piece that begin at nearly the same place."""
+    kept: list[Row] = []
+    shifts: dict[tuple[int, int], list[int]] = {}
+    for row in rows:
+        known = shifts.setdefault((int(owner[row[1]]), row[2]), [])
+        if all(abs((row[3] - k + COUNT // 2) % COUNT - COUNT // 2) >= APART * COUNT for k in known):
+            known.append(row[3])
+            kept.append(row)
+            if len(kept) == most:
+                break
+    return kept
+
+
+def _whitening_map(points: Floats) -> Floats | None:
+    """(3, 3) the affine map after which the area within has mean 0 and unit second moments, without a turn; None of none."""
+    m = kernels.polygon_moments(points, np.array([0, len(points)], dtype=np.int64))
+    if not m.minor > 0.0:
+        return None
+    c, s = math.cos(m.angle), math.sin(m.angle)
+    a, b = 1.0 / math.sqrt(m.major), 1.0 / math.sqrt(m.minor)
+    xx, xy, yy = a * c * c + b * s * s, (a - b) * c * s, a * s * s + b * c * c
+    return np.array([[xx, xy, -xx * m.x - xy * m.y], [xy, yy, -xy * m.x - yy * m.y], [0.0, 0.0, 1.0]])
 
 
 class EvenSamples(NamedTuple):

@@ -332,9 +332,10 @@ def is_same_region(one: View, other: View, share: float = SAME_REGION) -> bool:
 
 def _is_same_contour(one: Contour, other: Contour, share: float = SAME_REGION) -> bool:
     ratio = one.area / other.area
+    if not 1.0 - 2.0 * share < ratio < 1.0 / (1.0 - 2.0 * share):
+        return False
     apart_by = one.points.mean(axis=0) - other.points.mean(axis=0)
-    alike = 1.0 - 2.0 * share < ratio < 1.0 / (1.0 - 2.0 * share)
-    return alike and math.hypot(*apart_by.tolist()) < share * math.sqrt(other.area)
+    return math.hypot(*apart_by.tolist()) < share * math.sqrt(other.area)
 
 
 def remove_nested(found: Sequence[Candidate]) -> list[Candidate]:

@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import cv2
@@ -11,8 +14,8 @@ import numpy as np
 
 from grasptrack.errors import InputError, ObservationError
 from grasptrack.first_image import FirstImage
-from grasptrack.geometry.contours import View
-from grasptrack.images import PLAIN
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.images import PLAIN, Grey, with_room
 from grasptrack.segmentation.background import background_maps
 from grasptrack.segmentation.candidate import (
     Candidate,
@@ -20,14 +23,16 @@ from grasptrack.segmentation.candidate import (
     candidate_of_edges,
     candidate_of_one_level,
     contains_pixel,
+    is_plausible_object,
     is_same_region,
     two_toned,
     with_known_hole,
 )
 from grasptrack.segmentation.choice import Signs, choice_probabilities, drawn_probability, load_numbers, measure_worth
-from grasptrack.segmentation.localization import holes_on_ground
+from grasptrack.segmentation.localization import BORDER, holes_on_ground, is_near_hidden
 from grasptrack.segmentation.proposals import (
     GIVEN,
+    MIN_ENCLOSED,
     MIN_EXTENT,
     THRESHOLD,
     UNRATED,
@@ -46,6 +51,7 @@ from grasptrack.segmentation.silhouettes import (
     picture_window,
     polygon_silhouette,
     thin_share,
+    trace_silhouettes,
 )
 from grasptrack.segmentation.snapping import ALL_ROUND, OutlineSnapper, outline_agreement
 from grasptrack.segmentation.work import CONTOUR, CONTOUR_AREA
@@ -55,6 +61,8 @@ MAX_COMPARED = 40
 """Proposals that are compared, the best rated first, and as many of a segmenter's."""
 MAX_CONTOURS, MAX_NESTED = 60, 8
 """Proposals that become contours at all, and among how many, the likeliest first, may lie parts of what was found."""
+ROUGH_POINTS = 200
+"""Points of the boundary of a region whose contour nobody has asked for."""
 MAX_SHADOWS = 3
 """Objects that are looked at for a shadow, the likeliest first."""
 MIN_RATING = 0.02
@@ -91,6 +99,23 @@ class _Rated(NamedTuple):
     held: bool = False
 
 
+class RoughOutline:
+    """A region that may be an object, and its sub-pixel contour where that is asked for.
+
+    Attributes:
+        proposal: of it.
+        view: its boundary, of whole px.
+    """
+
+    def __init__(self, proposal: OutlineProposal, view: View, localize: Callable[[], Candidate | None]) -> None:
+        self.proposal, self.view, self._localize = proposal, view, localize
+
+    @cached_property
+    def localized_candidate(self) -> Candidate | None:
+        """Its contour; None where it has none."""
+        return self._localize()
+
+
 class CandidateSearch:
     """One image: what is proposed in it, and what becomes of that.
 
@@ -98,7 +123,7 @@ class CandidateSearch:
         meant: the proposals that may be meant by what is said.
     """
 
-    def __init__(self, colours: Pixels, said: FirstImage, segmenter: Segmenter | None) -> None:
+    def __init__(self, colours: Pixels, said: FirstImage, segmenter: Segmenter | None, *, ranked: bool = True) -> None:
         self._masks_only = isinstance(segmenter, OneMask)
         regions = [] if segmenter is None or said.masked else asked_regions(segmenter, colours, said)
         # a frame round the picture is none of the scene, and has the strongest edges of all
@@ -119,7 +144,12 @@ class CandidateSearch:
         self._unmapped_snapper = OutlineSnapper(self._scene.edges)
         guided = self._voted and not self._masks_only
         self._snapper = OutlineSnapper(self._scene.edges, self._maps[-1]) if guided else self._unmapped_snapper
-        self._proposals = (propose_masks if self._masks_only else propose_silhouettes)(self._scene, shown)
+        self._proposals = (
+            propose_masks(self._scene, shown)
+            if self._masks_only
+            else propose_silhouettes(self._scene, shown, ranked=ranked)
+        )
+        self._rough: dict[int, RoughOutline] = {}
         self.meant = [p for p in self._proposals if is_allowed(p.silhouette, said)]
 
     def best_candidates(self) -> list[Candidate]:
@@ -131,21 +161,57 @@ class CandidateSearch:
             found = self._with_probabilities(self._localize_all(rated), rated)
         return self._in_whole_image(found)
 
-    def every_candidate(self) -> list[Candidate]:
-        """Contours of all proposals that are not chance, each region once, the best rated first; those within others too.
+    def rough_outlines(self) -> list[RoughOutline]:
+        """All proposals that are not chance, each region once, the best rated first; those within others too.
 
-        For whoever knows what to look for: nothing is said of which is meant.
+        For whoever knows what to look for: nothing is said of which is meant. After `leave_out` of what is left only.
         """
-        found: list[Candidate] = []
+        found: list[RoughOutline] = []
         for p in self._proposals:
             if p.rating is UNRATED or p.rating.score < MIN_RATING or p.silhouette.longer_side < MIN_EXTENT:
                 continue
-            candidate = self._localize_proposal(p)
-            if candidate is not None and not any(is_same_region(candidate.view, c.view) for c in found):
-                found.append(candidate._replace(rating=p.rating.score))
+            if not is_plausible_object(p.silhouette, self._scene.grey.shape):
+                continue
+            if id(p) not in self._rough:
+                self._rough[id(p)] = RoughOutline(p, self._rough_view(p.silhouette), partial(self._localized, p))
+            rough = self._rough[id(p)]
+            if not any(is_same_region(rough.view, other.view) for other in found):
+                found.append(rough)
             if len(found) >= MAX_CONTOURS:
                 break
-        return self._in_whole_image(found)
+        return found
+
+    def _rough_view(self, shape: Silhouette) -> View:
+        """The outer boundary of a region in the whole image."""
+        ring = shape.boundary_points(ROUGH_POINTS)
+        (height, width), hidden = self._scene.grey.shape, self._said.hidden
+        x, y = ring.T
+        cut = (np.minimum(x, width - 1 - x) <= BORDER) | (np.minimum(y, height - 1 - y) <= BORDER)
+        if hidden is not None:
+            cut |= is_near_hidden(ring, hidden)
+        return View(Contour.trusted(ring + self._corner, clipped=cut if cut.any() else None))
+
+    def _localized(self, p: OutlineProposal) -> Candidate | None:
+        """The sub-pixel contour of a proposal in the whole image."""
+        found = self._localize_proposal(p)
+        return None if found is None else self._in_whole_image([found])[0]
+
+    def leave_out(self, explained: Grey) -> None:
+        """Leave of each proposal only what lies beside the places that are explained, (H, W) 255 there, else 0."""
+        (left, top), (height, width) = self._corner.astype(int), self._scene.grey.shape
+        hidden = with_room(np.ascontiguousarray(explained[top : top + height, left : left + width]))
+        self._said = replace(self._said, hidden=hidden if self._said.hidden is None else hidden | self._said.hidden)
+        left_over: list[OutlineProposal] = []
+        for p in self._proposals:
+            x, y, w, h = p.silhouette.box
+            beside, taken = p.silhouette.material_mask(), hidden[y : y + h, x : x + w]
+            if not (beside & taken).any():
+                left_over.append(p)
+                continue
+            for shape in trace_silhouettes(beside & ~taken, MIN_ENCLOSED, (x, y)):
+                if shape.longer_side >= MIN_EXTENT:
+                    left_over.append(p._replace(silhouette=shape, rating=self._scene.scorer.rate_silhouette(shape)))
+        self._proposals = sorted(left_over, key=lambda p: -p.comparison_order)
 
     def _in_whole_image(self, found: list[Candidate]) -> list[Candidate]:
         """The same, without what was taken off for a frame round the picture."""

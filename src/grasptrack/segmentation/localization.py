@@ -83,11 +83,11 @@ def localize_contour(
     how = TraceOptions(hole, polarity, SPACING, MAX_POINTS, SMOOTHING, reach, BORDER, OUTLIER)
     points, strength, cut, inside, outside = kernels.trace_edges(grey, chain, hidden, how)
     if hidden is not None:
-        cut = cut | _is_near_hidden(points, hidden)
+        cut = cut | is_near_hidden(points, hidden)
     return LocalizedContour(Contour.trusted(points, hole=hole, strength=strength, clipped=cut), inside, outside)
 
 
-def _is_near_hidden(points: Floats, hidden: Grey) -> Bools:
+def is_near_hidden(points: Floats, hidden: Grey) -> Bools:
     """(N,) whether a pixel within HIDDEN_MARGIN px along the axes is ignored. A silhouette ends just before such pixels."""
     height, width = hidden.shape
     found = np.zeros(len(points), dtype=np.bool_)

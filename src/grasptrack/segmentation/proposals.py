@@ -334,11 +334,14 @@ def propose_masks(scene: PreparedImage, maps: Sequence[Floats32]) -> list[Outlin
     return [OutlineProposal(shape, scene.scorer.rate_silhouette(shape)) for shape in shapes]
 
 
-def propose_silhouettes(scene: PreparedImage, maps: Sequence[Floats32] = ()) -> list[OutlineProposal]:
-    """All silhouettes of an image, the best rated first, each once."""
+def propose_silhouettes(
+    scene: PreparedImage, maps: Sequence[Floats32] = (), *, ranked: bool = True
+) -> list[OutlineProposal]:
+    """All silhouettes of an image, the best rated first, each once; not `ranked`, the order is rough."""
     pointed_at = [*propose_quadrangles(scene), *propose_at_contacts(scene)]  # before all else, while the work allows it
     found = [*propose_thresholds(scene), *propose_closed_edges(scene), *propose_from_maps(scene, maps), *pointed_at]
-    _doubt_bridged_gaps(found, scene)
+    if ranked:
+        _doubt_bridged_gaps(found, scene)
     return _remove_duplicates(sorted(found, key=lambda p: -p.comparison_order), scene)
 
 

@@ -89,6 +89,13 @@ class Silhouette(NamedTuple):
         cv2.drawContours(filled, [self.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED, offset=(-left, -top))
         return filled
 
+    def material_mask(self) -> Grey:
+        """(h, w) of the box, 255 on the region without its holes."""
+        x, y, w, h = self.box
+        filled = self.filled_window((x, y, x + w, y + h))
+        cv2.drawContours(filled, [hole.reshape(-1, 1, 2) for hole in self.holes], -1, (0,), cv2.FILLED, offset=(-x, -y))
+        return filled
+
 
 def thin_share(shape: Silhouette, px: int) -> float:
     """Share of an outline on spurs, bridges and ragged parts, of the image reduced by `px`.

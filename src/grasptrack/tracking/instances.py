@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -25,28 +26,27 @@ from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, normalize_homography, rotation_at
 from grasptrack.grasp.force_closure import GraspAnalysis, analyze
-from grasptrack.images import Channel, Grey, to_bgr
-from grasptrack.matching import Sampled, judge_hypotheses, lay_partly, match_outlines
+from grasptrack.images import PLAIN, Channel, Grey, to_bgr
+from grasptrack.matching import Sampled, judge_hypotheses, lay_several, match_several, may_match
+from grasptrack.matching.samples import TWIN
 from grasptrack.matching.symmetry import TOLERANCE as OWN_TWIN
 from grasptrack.presentation import to_dict
-from grasptrack.segmentation.candidate import Candidate, is_same_region
-from grasptrack.segmentation.candidate_search import CandidateSearch
+from grasptrack.segmentation.candidate import is_same_region
+from grasptrack.segmentation.candidate_search import CandidateSearch, RoughOutline
 from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, decide_pose
 from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.evidence import contact_testimony, pose_evidence, texture_evidence
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.parts import KnownPart, as_parts
-from grasptrack.tracking.pose import PoseEstimate, contact_tolerance, max_contact_distance
-from grasptrack.tracking.redetection import shape_difference
+from grasptrack.tracking.pose import Hypothesis, PoseEstimate, contact_tolerance, lead_alike, max_contact_distance
+from grasptrack.tracking.redetection import MAX_UNLIKE
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import UNKNOWN_PRESENCE, pose_hypothesis, single_estimate
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import build_pyramid
 from grasptrack.typing import Floats, Pixels
 
-MOST_LOOKS = 6
-"""Looks at one image; each after the first at what those before left unexplained."""
 LEAST_OVERLAP = 0.5
 """Share of the lesser of two outlines within the other, from which on they lie in one place."""
 LEAST_SHARE, MOST_TOUCHING = 0.5, 4.0
@@ -150,20 +150,20 @@ def find(
     doubted: list[_Claim] = []
     beside: list[View] = []
     tried: dict[_Ways, list[View]] = {_ways_onto_whole: [], _ways_onto_part: []}
-    for _ in range(MOST_LOOKS):
-        candidates = CandidateSearch(colours, said, None).every_candidate()
-        beside = [c.view for c in candidates]
+    search = CandidateSearch(colours, said, None, ranked=False)
+    while True:
+        places = _places_of(search)
+        beside = [p.rough.view for p in places]
         for ways, before in tried.items():
-            fresh = [c for c in candidates if not any(is_same_region(c.view, view) for view in before)]
-            before += [c.view for c in fresh]
-            claims = [claim for kind in kinds for claim in _claims_of(kind, scene, fresh, ways)]
-            new, refused = _settle_claims(claims, settled, numbers.risk)
+            fresh = [p for p in places if not any(is_same_region(p.rough.view, view) for view in before)]
+            before += [p.rough.view for p in fresh]
+            new, refused = _settle_claims(_claims_of(kinds, scene, fresh, ways), settled, numbers.risk)
             settled, doubted = settled + new, doubted + refused
             if new:
                 break
         else:
             break
-        said = replace(said, hidden=_hide_found(said.hidden, new, colours.shape))
+        search.leave_out(np.maximum.reduce([_material_mask(View(claim.view.outer), colours.shape) for claim in new]))
     _, doubted = _settle_claims(doubted, settled, numbers.risk)
     outlines = [claim.view for claim in settled]
     outlines += [v for v in beside if not any(_overlap_share(v, o) > LEAST_OVERLAP for o in outlines)]
@@ -224,15 +224,14 @@ class _Kind:
 def _sides_of(part: KnownPart, risk: float) -> list[_Kind]:
     """The side that was taught, and the other one where its outline is another."""
     own, other = _Kind(part, part, False, risk), _Kind(part, part.turned_over(), True, risk)
-    alike = judge_hypotheses(match_outlines(other.outline, own.outline, thorough=False)).best
+    if not may_match([other.outline], own.outline, TWIN):
+        return [own, other]
+    alike = judge_hypotheses(match_several([other.outline], own.outline)[0]).best
     flat = alike is not None and alike.misfit <= OWN_TWIN * own.outline.size
     return [own] if flat else [own, other]
 
 
 # --- what may explain a place ------------------------------------------------------------------------
-
-_Ways = Callable[[Sampled, View], list[Floats]]
-"""Homographies (3, 3) that may lay an outline on one of the image."""
 
 
 class _Claim:
@@ -275,39 +274,89 @@ class _Claim:
         )
 
 
-def _claims_of(kind: _Kind, scene: ImagePyramids, candidates: list[Candidate], ways: _Ways) -> list[_Claim]:
-    """What a kind may explain of an image: each place once, by the estimates that lie there."""
+def _claims_of(kinds: list[_Kind], scene: ImagePyramids, places: list[_Spot], ways: _Ways) -> list[_Claim]:
+    """What the kinds may explain of an image: each place once by each, by the estimates that lie there."""
     claims: list[_Claim] = []
-    for candidate in candidates:
-        try:
-            likely = ways(kind.outline, candidate.view)
-        except ValueError:  # a hair, or a tangle: so few of its points enclose nothing
-            continue
-        levels, state = scene.levels_in(candidate.channel), kind.state_in(candidate.channel)
-        estimates = [
-            e
-            for H in likely
-            if (e := single_estimate(state, levels, pose_hypothesis(state.target, "match", H))) is not None
-            and SMALLEST**2 <= e.area / state.target.area <= LARGEST**2
-        ]
-        for alike in _by_place(state, estimates):
-            claims.append(_decided_claim(kind, candidate.channel, alike))
+    tried: dict[tuple[_Kind, Channel], list[Hypothesis]] = {}
+    for place in places:
+        for kind, homographies in zip(kinds, ways(kinds, place), strict=True):
+            if not homographies:
+                continue
+            levels, state = scene.levels_in(place.best_channel), kind.state_in(place.best_channel)
+            before = tried.setdefault((kind, place.best_channel), [])
+            fresh = [pose_hypothesis(state.target, "match", H) for H in homographies]
+            fresh = [h for h in fresh if not any(lead_alike(state.target, h, other) for other in before)]
+            before += fresh
+            estimates = [
+                e
+                for hypothesis in fresh
+                if (e := single_estimate(state, levels, hypothesis)) is not None
+                and SMALLEST**2 <= e.area / state.target.area <= LARGEST**2
+            ]
+            claims += [_decided_claim(kind, place.best_channel, alike) for alike in _by_place(state, estimates)]
     return claims
 
 
-def _ways_onto_whole(outline: Sampled, view: View) -> list[Floats]:
+class _Spot:
+    """A region of the image that something may explain, whole or in part."""
+
+    def __init__(self, rough: RoughOutline) -> None:
+        self.rough, self.outline = rough, Sampled(rough.view)
+
+    @cached_property
+    def whole_outline(self) -> Sampled | None:
+        """Its contour; None where it has none."""
+        found = self.rough.localized_candidate
+        with suppress(ValueError):  # a hair, or a tangle
+            return None if found is None else Sampled(found.view)
+        return None
+
+    @property
+    def best_channel(self) -> Channel:
+        """The mixture of colours that shows it best."""
+        found = self.rough.localized_candidate
+        return PLAIN if found is None else found.channel
+
+
+def _places_of(search: CandidateSearch) -> list[_Spot]:
+    """Those of an image that enclose something."""
+    places: list[_Spot] = []
+    for rough in search.rough_outlines():
+        with suppress(ValueError):  # a hair, or a tangle
+            places.append(_Spot(rough))
+    return places
+
+
+_Ways = Callable[[list[_Kind], _Spot], list[list[Floats]]]
+"""Homographies (3, 3) that may lay the outline of each kind on one of the image."""
+
+
+def _ways_onto_whole(kinds: list[_Kind], place: _Spot) -> list[list[Floats]]:
     """Homographies that lay an outline on the whole of one of the image; none where it looks like another one from anywhere."""
-    if not view.is_clipped and not math.isfinite(shape_difference(outline, view.outer.points)):
-        return []
-    told = judge_hypotheses(match_outlines(outline, view, thorough=False))
-    return [] if told.best is None else [m.homography for m in (told.best, *told.others)]
+    limit = 1.0 if place.rough.view.is_clipped else MAX_UNLIKE
+    outlines = _outlines_within(kinds, place, SMALLEST**2, LARGEST**2)
+    if not may_match(list(outlines.values()), place.outline, limit) or place.whole_outline is None:
+        return [[] for _ in kinds]
+    found = [judge_hypotheses(m) for m in match_several(list(outlines.values()), place.whole_outline, limit)]
+    told = dict(zip(outlines, found, strict=True))
+    return [
+        [m.homography for m in (t.best, *t.others)] if (t := told.get(k)) is not None and t.best is not None else []
+        for k in range(len(kinds))
+    ]
 
 
-def _ways_onto_part(outline: Sampled, view: View) -> list[Floats]:
+def _ways_onto_part(kinds: list[_Kind], place: _Spot) -> list[list[Floats]]:
     """Homographies that lay most of an outline on a part of one of the image, which is large enough for that and not larger
     than some parts that touch."""
-    share = view.outer.area / outline.size**2
-    return lay_partly(outline, view) if LEAST_SHARE * SMALLEST**2 <= share <= MOST_TOUCHING * LARGEST**2 else []
+    outlines = _outlines_within(kinds, place, LEAST_SHARE * SMALLEST**2, MOST_TOUCHING * LARGEST**2)
+    laid = dict(zip(outlines, lay_several(list(outlines.values()), place.outline, MAX_UNLIKE), strict=True))
+    return [laid.get(k, []) for k in range(len(kinds))]
+
+
+def _outlines_within(kinds: list[_Kind], place: _Spot, least: float, most: float) -> dict[int, Sampled]:
+    """By their index the outlines of those kinds of whose area a place has a share between two bounds."""
+    area = place.rough.view.outer.area
+    return {k: kind.outline for k, kind in enumerate(kinds) if least <= area / kind.outline.size**2 <= most}
 
 
 def _by_place(state: TrackState, estimates: list[PoseEstimate]) -> list[list[PoseEstimate]]:
@@ -401,12 +450,6 @@ def _material_mask(view: View, shape: tuple[int, ...], scale: float = 1.0, low: 
     cv2.fillPoly(mask, rings[:1], (255,))
     cv2.fillPoly(mask, rings[1:], (0,))
     return mask
-
-
-def _hide_found(hidden: Grey | None, claims: list[_Claim], shape: tuple[int, ...]) -> Grey:
-    """(H, W) 255 where nothing is looked for any more: what was hidden, and what is explained."""
-    found = [_material_mask(View(claim.view.outer), shape) for claim in claims]
-    return np.asarray(np.maximum.reduce([*found, *([] if hidden is None else [hidden])]), dtype=np.uint8)
 
 
 def _finger_room(part: KnownPart, H: Floats, beside: list[View]) -> float:
