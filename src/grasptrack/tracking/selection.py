@@ -318,9 +318,16 @@ def _level_along(cells: Floats) -> tuple[Floats, Floats]:
     around = cells[(np.arange(n)[:, None] + near) % n, :FIRST_CELLS].reshape(n, -1)
     known = np.asarray(np.isfinite(around).any(axis=1))
     around = np.where(known[:, None], around, 0.0)
-    level = np.nanmedian(around, axis=1)
-    spread = MAD_TO_SD * np.nanmedian(np.abs(around - level[:, None]), axis=1) + LEAST_SPREAD
+    level = _row_medians(around)
+    spread = MAD_TO_SD * _row_medians(np.abs(around - level[:, None])) + LEAST_SPREAD
     return np.where(known, level, np.nan), LEVEL_SPREADS * spread
+
+
+def _row_medians(values: Floats) -> Floats:
+    """(N,) of the numbers in each row (N, k), which has some; NaN does not count."""
+    ordered, count = np.sort(values, axis=1), np.count_nonzero(np.isfinite(values), axis=1)
+    row = np.arange(len(values))
+    return np.asarray(0.5 * (ordered[row, (count - 1) // 2] + ordered[row, count // 2]), dtype=np.float64)
 
 
 def _background_ring_points(mask: Grey) -> Floats:

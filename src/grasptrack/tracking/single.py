@@ -10,7 +10,14 @@ from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, any
 from grasptrack.tracking.estimator import estimate_pose
 from grasptrack.tracking.evidence import other_surface_odds, pose_evidence, surface_evidence
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.pose import TURNED, Hypothesis, PoseEstimate, contact_tolerance, max_contact_distance
+from grasptrack.tracking.pose import (
+    TURNED,
+    Hypothesis,
+    PoseEstimate,
+    contact_tolerance,
+    max_contact_distance,
+    worst_variance,
+)
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
@@ -50,11 +57,25 @@ def single_estimate(state: TrackState, levels: list[Grey], hypothesis: Hypothesi
         found = estimate_pose(state, levels, trial, again=reach > 0.0, still=True)
         return [] if found is None else [found]
 
-    found = [e for share in (1.0, numbers.predicted) for e in solve_from(hypothesis.G, hypothesis.P * share**2)]
-    for e in found[:]:
+    tight = hypothesis.P * numbers.predicted**2
+    near, found = solve_from(hypothesis.G, tight), solve_from(hypothesis.G, hypothesis.P)
+    # a tight prior is where to begin, not knowledge: an outline that slides along itself is exact by nothing else
+    found += [e for e in near if is_exact_without(state, e, tight, hypothesis.P)]
+    for e in [*found, *near]:
         if e.elsewhere > numbers.elsewhere:
             found += solve_from(e.G, e.P + target.noise_of_guess, numbers.wide * target.size)
     return max(found, key=lambda e: pose_evidence(state, e), default=None)
+
+
+def is_exact_without(state: TrackState, estimate: PoseEstimate, prior: Floats, instead: Floats) -> bool:
+    """Whether an estimate would be as exact as is asked for had it begun with another prior (8, 8) than that which it did."""
+    inverse, numbers = np.linalg.inv, state.numbers
+    information = inverse(estimate.P) - inverse(prior) + inverse(instead)
+    if not np.linalg.eigvalsh(information)[0] > 0.0:
+        return False
+    covariance = state.target.handle.placed(estimate.G, inverse(information))[1]
+    variance, allowed = worst_variance(covariance) * numbers.inflate**2, contact_tolerance(estimate.area, numbers)
+    return math.exp(-0.5 * allowed**2 / variance) < numbers.risk
 
 
 def decide_single(state: TrackState, estimates: list[PoseEstimate]) -> Decision:
