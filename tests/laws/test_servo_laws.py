@@ -70,12 +70,13 @@ def test_a_held_twist_goes_on_where_it_was(seed: int) -> None:
 
 
 def test_poses_between_reports() -> None:
-    poses, twist = Poses(kept=0.25), np.array([0.1, 0.0, 0.2, 0.0, 0.0, 0.5])
-    for t in (0.0, 0.1, 0.2, 0.3):
+    poses, twist = Poses(), np.array([0.1, 0.0, 0.2, 0.0, 0.0, 0.5])
+    for t in (0.0, 8.1, 8.2, 8.3):
         poses.add_pose(t, apply_twist(np.eye(4), twist, t))
-    assert np.abs(poses.pose_at(0.26)[:3, :3] - apply_twist(np.eye(4), twist, 0.26)[:3, :3]).max() < 1e-9
-    assert np.abs(poses.pose_at(0.26) - apply_twist(np.eye(4), twist, 0.26)).max() < 1e-4
-    for outside, nearest in ((9.0, 0.3), (-1.0, 0.1)):
+    between = apply_twist(np.eye(4), twist, 8.26)
+    assert np.abs(poses.pose_at(8.26)[:3, :3] - between[:3, :3]).max() < 1e-9
+    assert np.abs(poses.pose_at(8.26) - between).max() < 1e-4
+    for outside, nearest in ((9.0, 8.3), (-1.0, 8.1)):
         assert np.abs(poses.pose_at(outside) - apply_twist(np.eye(4), twist, nearest)).max() < 1e-12
 
 

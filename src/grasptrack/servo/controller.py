@@ -282,9 +282,8 @@ class GraspServo:
         try:
             with np.errstate(all="ignore"):
                 wanted = self._decide_intent(self._take_in(tick, hand, result, time, taken), tick)
-        except (
-            Exception
-        ) as error:  # a fault of this program's: the arm goes on with the last twist unless it gets another
+        except Exception as error:
+            # a fault of this program's: the arm goes on with the last twist unless it gets another
             wanted = Intent("failed", f"internal error, please report it: {type(error).__name__}: {error}")
         self._watchdog.over = wanted.state in OVER
         verdict = self._watchdog.limit_twist(wanted.twist, hand, tick, self._clock.usual_step)

@@ -91,6 +91,9 @@ class Estimate:
         state: (39 + 2n,), both as `pack_state` makes them.
         covariance: (16 + 2n, 16 + 2n) of its error.
         time: s, at which the object is where it is said to be.
+
+    Attributes:
+        packed_state: the state now.
     """
 
     linearised_at_goal = False  # the interaction matrix is that of where the points are
@@ -102,13 +105,8 @@ class Estimate:
         self._away: list[Floats] = []
 
     def _set_state(self, state: Floats, covariance: Floats) -> None:
-        self._state, self.covariance = state, covariance
+        self.packed_state, self.covariance = state, covariance
         self.camera, self.object = unpack_state(state)
-
-    @property
-    def packed_state(self) -> Floats:
-        """(39 + 2n,), as `pack_state` makes it, at the estimate's time."""
-        return self._state
 
     def advance(self, time: float, evenly: bool = False) -> None:
         """Let the object go on to a later time, s; `evenly` where its velocity is known not to have changed."""
@@ -117,7 +115,7 @@ class Estimate:
             return
         self.time = time
         may = (0.0, 0.0, 0.0) if evenly else (PLACE_DRIFT**2, self.wander_at(time) ** 2, TURN_DRIFT**2)
-        self._set_state(*advance_state(self._state, self.covariance, dt, *may))
+        self._set_state(*advance_state(self.packed_state, self.covariance, dt, *may))
 
     def wander_at(self, time: float) -> float:
         """m/s per root of a second by which the object's velocity changes at a time, s."""
@@ -132,7 +130,7 @@ class Estimate:
     def observe(self, seen: Observation) -> float:
         """Take in what was seen; the innovation in rms standard deviations, inf where nothing could be compared."""
         self.advance(seen.time)
-        state, covariance, off, size = filter_sighting(self._state, self.covariance, seen)
+        state, covariance, off, size = filter_sighting(self.packed_state, self.covariance, seen)
         if math.isfinite(size):
             self._count_outliers(off, size)
             self._set_state(state, covariance)
@@ -165,10 +163,6 @@ class Estimate:
     def adopt_outliers(self, other: Estimate) -> None:
         """Remember what another estimate of the same object saw last that did not fit."""
         self._away = other._away
-
-    def plane_points(self) -> Floats:
-        """The points in the object's plane, (n, 2) m."""
-        return self.object.points
 
     def object_velocity(self) -> Floats:
         """The object's velocity in the base, (3,) m/s; 0 where that is no more than noise."""
@@ -449,10 +443,6 @@ class ClassicalIBVS:
     def in_hand(self, hand: Floats, time: float | None = None) -> Floats:
         """The points (n, 3) m in the hand's frame."""
         return np.asarray((self.object.in_base() - hand[:3, 3]) @ hand[:3, :3])
-
-    def plane_points(self) -> Floats:
-        """The points in the object's plane, (n, 2) m."""
-        return self.object.points
 
     def object_velocity(self) -> Floats:
         """(3,) m/s: none is estimated."""

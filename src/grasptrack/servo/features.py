@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -83,17 +82,10 @@ class Features:
         return max(map(math.dist, contacts.tolist(), self.goal.tolist()))
 
 
-class _Decomposed(NamedTuple):
-    """Points, complex numbers standing for vectors: their mean, the points about it, and l."""
-
-    middle: complex
-    around: list[complex]
-    length: float
-
-
-def _decompose_points(points: Floats) -> _Decomposed:
+def _decompose_points(points: Floats) -> tuple[complex, list[complex], float]:
+    """Complex numbers standing for vectors: the points' mean, the points about it, and l."""
     z = complex_numbers(points)
     middle = sum(z) / len(z)
     around = [p - middle for p in z]
     length = 2.0 * math.sqrt(sum(p.real * p.real + p.imag * p.imag for p in around) / len(z))
-    return _Decomposed(middle, around, length)
+    return middle, around, length

@@ -169,9 +169,8 @@ def fit_moves(found: Signals) -> LinearFit:
     back = np.exp(-1j * found.theta)
     A = np.column_stack([back * p, back, back * found.t, np.ones(len(p))])
     rng = np.random.default_rng(0)
-    ridge = np.diag(
-        [1e-6, 1e-6, LENGTH_GUESS / SPEED_GUESS, LENGTH_GUESS / OFFSET_GUESS]
-    )  # what is known before, in standard deviations
+    # what is known before, in standard deviations
+    ridge = np.diag([1e-6, 1e-6, LENGTH_GUESS / SPEED_GUESS, LENGTH_GUESS / OFFSET_GUESS])
     rows = rng.permuted(np.tile(np.arange(len(p)), (SUBSETS, 1)), axis=1)[:, :SUBSET_SIZE]
     drawn = _solve_ridge(A[rows], s[rows], 1.0 / noise[rows], ridge)
     best = drawn[np.argmin(_last_axis_median(np.abs(drawn @ A.T - s) / noise))]
@@ -261,9 +260,8 @@ def find_lateness(
     if told - costs[best] < CLEAR_GAIN or told < 4.0 * costs[best] or abs(best) < MIN_LATENESS:
         return 0.0
     before, at, after = costs[best - LATENESS_STEP], costs[best], costs[best + LATENESS_STEP]
-    return float(
-        best + 0.5 * LATENESS_STEP * (before - after) / max(before - 2.0 * at + after, 1e-9)
-    )  # of the parabola
+    # of the parabola
+    return float(best + 0.5 * LATENESS_STEP * (before - after) / max(before - 2.0 * at + after, 1e-9))
 
 
 def delay_sightings(seen: Sequence[Observation], late: float, pose_at: Callable[[float], Floats]) -> list[Observation]:
@@ -365,17 +363,13 @@ class TiltCheck:
             return None
         known = found.estimate
         normal, spread = known.plane_normal(seen[-1].hand), known.covariance[POSE, POSE][:2, :2]
-        width = math.dist(*known.plane_points()[:2].tolist())
+        width = math.dist(*known.object.points[:2].tolist())
         alike = SHARED_ERROR_PX / seen[-1].contact_spread
         sd = math.sqrt(float(np.trace(spread)) + alike**2)
         tilt = TiltEstimate(found, math.acos(min(1.0, float(normal[2]))), sd, width)
         decided = abs(tilt.tips_error - self._forgiven) > TIPS_SURE * tilt.tips_sd
         self._known = decided and (tilt.angle < TIPS_SURE * sd or _is_likelier(known, square, seen))
         return tilt if self._known else None
-
-    def is_too_large(self, tilt: TiltEstimate) -> bool:
-        """Whether the fingertips would be off by more than is forgiven."""
-        return tilt.tips_error > self._forgiven
 
 
 def _is_likelier(one: Estimate, other: Estimate, seen: Sequence[Observation]) -> bool:

@@ -64,9 +64,8 @@ def twist_for(error: Floats, jacobian: Floats, covariance: Floats, *, dof: int, 
         gain: the gain.
     """
     axes, m = list(TWIST_AXES[dof]), len(error)
-    depth = max(
-        length, 1.0 / max(abs(float(jacobian[2, 2])), 1e-9)
-    )  # m by which the third feature, l*/l, changes by one
+    # m by which the third feature, l*/l, changes by one
+    depth = max(length, 1.0 / max(abs(float(jacobian[2, 2])), 1e-9))
     unit = np.array([length if a < 2 else depth if a == 2 else 1.0 for a in axes])
     sides = np.column_stack([jacobian[:, axes] * unit, error])
     faith = HALF_WEIGHT_SD * np.maximum(1.0, np.abs(error))
@@ -143,7 +142,7 @@ def compute_aim(
     """
     k, camera, dof, standoff = len(how.order), known.camera, how.dof, how.standoff
     points = known.in_hand(hand, time)[:k]
-    right = how.goal.targets(camera, known.plane_points()[:k], how.order)
+    right = how.goal.targets(camera, known.object.points[:k], how.order)
     normal = known.plane_normal(hand)
     places = [points] if seen is None else [points, known.in_hand(seen.hand, seen.time)[:k]]
     pixels = camera.project(np.concatenate(places)).reshape(-1, k, 2)
@@ -154,9 +153,8 @@ def compute_aim(
     here = points if seen is None else _at_depth(camera, contacts, points)
     relative, height = known.relative_error(), float((points - right)[:, 2].sum()) / k
     raised = standoff * _standoff_share(here, right, normal if dof == 6 else None, relative)
-    nearer = (
-        NEARER_SIZE * relative * float((points - camera.offset)[:, 2].sum()) / k
-    )  # m by which the object may be nearer
+    # m by which the object may be nearer
+    nearer = NEARER_SIZE * relative * float((points - camera.offset)[:, 2].sum()) / k
     if nearer > standoff:
         raised = max(raised, min(nearer, CAUTIOUS_SHARE * height))
     wanted = right.copy()

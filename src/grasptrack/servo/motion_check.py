@@ -149,13 +149,13 @@ def _fault_of(went: Floats, late: list[Floats]) -> str:
     moved = went[:, :3]
     if min(_rms_length(path[:, :3]) for path in prompt) < MIN_PATH or _rms_length(moved) < MIN_PATH:
         return ""
-    right = max((_explained_by(path[:, :3], moved) for path in late), key=_explained_share)
+    right = max(_explained_by(path[:, :3], moved) for path in late)
     if right.share > MIN_FIT_SHARE and right.factor > UNIT_FACTOR:
         return _not_in_m(right.factor)
     if right.share >= MAX_UNFIT_SHARE:
         return ""
-    based = max((_explained_by(path[:, 9:], moved) for path in late), key=_explained_share)
-    back = max((_explained_by(path[:, 6:9], went[:, 6:9]) for path in late), key=_explained_share)
+    based = max(_explained_by(path[:, 9:], moved) for path in late)
+    back = max(_explained_by(path[:, 6:9], went[:, 6:9]) for path in late)
     if based.share > MIN_FIT_SHARE:
         return "the twist is executed in the base's frame: it is told in the hand's"
     if back.share > MIN_FIT_SHARE:
@@ -170,10 +170,6 @@ def _not_in_m(factor: float) -> str:
 class _Explained(NamedTuple):
     share: float
     factor: float
-
-
-def _explained_share(found: _Explained) -> float:
-    return found.share
 
 
 def _about_mean(path: Floats) -> Floats:

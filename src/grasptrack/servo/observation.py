@@ -20,16 +20,14 @@ from grasptrack.servo.features import rms_diameter
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
+POSES_KEPT = 8.0
+"""s for which a reported pose is kept, however often they come."""
+
 
 class Poses:
-    """The last poses that the robot reported, and those between them.
+    """The last poses that the robot reported, and those between them."""
 
-    Args:
-        kept: s for which they are kept, however often they come.
-    """
-
-    def __init__(self, kept: float = 8.0) -> None:
-        self._kept = kept
+    def __init__(self) -> None:
         self._times: deque[float] = deque()
         self._poses: deque[Floats] = deque()
 
@@ -38,7 +36,7 @@ class Poses:
         while self._times and self._times[-1] >= time:
             self._times.pop()
             self._poses.pop()
-        while self._times and self._times[0] < time - self._kept:
+        while self._times and self._times[0] < time - POSES_KEPT:
             self._times.popleft()
             self._poses.popleft()
         self._times.append(time)

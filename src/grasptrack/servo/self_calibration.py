@@ -217,7 +217,7 @@ class SelfCalibration:
     def contact_width(self) -> float:
         """m between the first two contacts, as the moves have told; NaN where they have not."""
         known = self.estimate
-        return math.dist(*known.plane_points()[:2].tolist()) if isinstance(known, Estimate) else math.nan
+        return math.dist(*known.object.points[:2].tolist()) if isinstance(known, Estimate) else math.nan
 
     def _look_for_drift(self, seen: Observation) -> None:
         told = self.trusted_estimate()
@@ -346,9 +346,8 @@ class SelfCalibration:
         if self._origin is None or not isinstance(known, Estimate):
             return
         if np.isfinite(known.displaced_at):
-            if (
-                known.time > known.displaced_at + PUSHED_SECONDS
-            ):  # it rests, or moves evenly again: what came before is the prior
+            if known.time > known.displaced_at + PUSHED_SECONDS:
+                # it rests, or moves evenly again: what came before is the prior
                 self._origin = Origin(known.camera, known.object, known.covariance.copy(), known.time)
                 self._search = None
                 self._forget_sightings()
@@ -412,7 +411,7 @@ class SelfCalibration:
         tilt = self._tilt.check_tilt(self._seen, known)
         if tilt is None or tilt.angle < SQUARE_SIZE * tilt.sd:
             return
-        if self._tilt.is_too_large(tilt):
+        if tilt.tips_error > self._setup.forgiven:
             self.failed = (
                 f"the part is tilted by {math.degrees(tilt.angle):.0f} degrees, the fingertips would be off by "
                 f"{1000.0 * tilt.tips_error:.1f} mm: it needs a hand with dof=6, or one that forgives as much (Closing.tips)"

@@ -95,18 +95,13 @@ class Trust:
         told = Estimate(pack_state(known.camera, known.object), known.covariance, known.time)
         told.displaced_at = known.displaced_at
         if rests and self._refined is not None and origin is self._origin:
-            told.covariance = self._refined_covariance(self._refined, known.time)
+            later = copy.copy(self._refined)
+            later.advance(known.time)
+            told.covariance = later.covariance
             self._excess = _positive_part(told.covariance - known.covariance)
         else:  # it was displaced: what images told too often before, they still do
             told.covariance = known.covariance + _resized_covariance(self._excess, len(known.covariance))
         return told
-
-    @staticmethod
-    def _refined_covariance(refined: Estimate, time: float) -> Floats:
-        """(16 + 2n, 16 + 2n), at a time, s."""
-        later = copy.copy(refined)
-        later.advance(time)
-        return later.covariance
 
     def _take_search(self, origin: Origin, seen: Sequence[Observation], found: Search) -> None:
         if origin is not self._origin:
@@ -198,7 +193,6 @@ class DriftAlarm:
             self._begin_window(self._late[-1][1])
 
     def _begin_window(self, now: HandEye) -> None:
-        """A window anew."""
         self._before = self._before or (self._late[-1][1] if self._late else now)
         self._late.clear()
         self._origin, self._found, self._since = None, None, 0

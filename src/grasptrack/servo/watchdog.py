@@ -76,6 +76,7 @@ class Watchdog:
         path: m that the hand was told to go so far.
         over: it brakes, and then stands for ever.
         floor: m below its start at which the hand is told to go no lower; infinite where nobody said so.
+        patience: s without a new image after which the hand stands.
     """
 
     def __init__(self, limits: Limits, bounds: Bounds, upright: bool) -> None:
@@ -84,12 +85,12 @@ class Watchdog:
         self.path, self.over, self.floor = 0.0, False, math.inf
         self._start: Floats | None = None
         self._up: Floats = np.zeros(3)
-        self._image, self._patience = math.nan, bounds.blind
+        self._image, self.patience = math.nan, bounds.blind
 
     def note_image(self, now: float, interval: float) -> None:
         """A new image at a time of the servo's, s; images usually come every so many s."""
         self._image = now
-        self._patience = max(self._bounds.blind, PATIENCE_IMAGES * interval)
+        self.patience = max(self._bounds.blind, PATIENCE_IMAGES * interval)
 
     def forget_image(self) -> None:
         """The clock has jumped: nobody knows how old the last image is."""
@@ -103,14 +104,9 @@ class Watchdog:
         """Another try: the path counts anew."""
         self.path = 0.0
 
-    @property
-    def patience(self) -> float:
-        """s without a new image after which the hand stands."""
-        return self._patience
-
     def is_blind(self, now: float) -> bool:
         """Whether there was no image, or none for too long."""
-        return not now - self._image < self._patience
+        return not now - self._image < self.patience
 
     def rise_of(self, hand: Floats) -> float:
         """m of the hand (4, 4) above where it started; below it is negative."""
@@ -154,7 +150,7 @@ class Watchdog:
 
     def _slow_down(self, wanted: Floats, at: float) -> Floats:
         """As much of it as can be braked before the hand has to stand for want of an image."""
-        left = self._image + self._patience - at
+        left = self._image + self.patience - at
         left = left if left > 0.0 else 0.0  # also where there was no image yet
         out = wanted.copy()
         for part, rate in (
