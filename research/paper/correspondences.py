@@ -11,7 +11,7 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.errors import StrategyError
-from grasptrack.geometry.contours import View, cubic_point
+from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.kernels.results import CurvatureMatches, CurvatureVector, MatchWindow
@@ -26,6 +26,18 @@ from research.paper.transfers import Refused
 Row = tuple[Cell, ...]
 RefusedPair = tuple[str, str, str]
 """Object, transfer ("ours" or "to the letter"), reason."""
+
+
+def cubic_point(points: Floats, place: float) -> Floats:
+    """(2,) of a closed contour at a place: Hermite's cubic, its tangents across the neighbours' chords."""
+    n, i = len(points), int(place)
+    f = place - i
+    a, b, c, d = (points[(i + k) % n] for k in (-1, 0, 1, 2))
+    if f == 0.0:
+        return np.asarray(b)
+    ab, bc, cd = (float(np.hypot(*(q - p))) for p, q in ((a, b), (b, c), (c, d)))
+    m, k = ((q - p) * (bc / run) if run > 0.0 else 0.0 * p for p, q, run in ((a, c, ab + bc), (b, d, bc + cd)))
+    return np.asarray(b + f * (m + f * (3.0 * (c - b) - 2.0 * m - k + f * (2.0 * (b - c) + m + k))))
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,6 @@ def test_coordinates_are_the_papers() -> None:
     assert description.paper() == [(0, 25, 2), (0, 6, 1)]
     assert description.places[:, :2] == pytest.approx(np.array([[0.0, 152.0], [0.0, 37.0]]))
     assert repr(description) == "RRP((0, 25, 2) (0, 6, 1))"
-    assert rrp.describe(Grasp(contour.points[[152, 37]]), contour, interpolated=10).paper() == [(0, 15, 2), (0, 3, 7)]
 
 
 def test_interp_is_real_inside_and_printed_as_an_integer() -> None:
@@ -110,5 +109,3 @@ def test_unequal_counts_are_refused() -> None:
     with pytest.raises(StrategyError, match="correspond one to one, not contours of 120 and 119 points") as error:
         rrp.apply(description, blob(2, 119))
     assert error.value.values["current"] == [0, 119]
-    with pytest.raises(StrategyError):
-        rrp.describe(Grasp(reference.points[[0, 60]]), reference, interpolated=0)

@@ -3,21 +3,19 @@
 
 import math
 from functools import lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from grasptrack.errors import InputError, ObservationError, StrategyError
+from grasptrack.errors import InputError, ObservationError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.snake.active_contour import Snake, SnakeFit
-from grasptrack.snake.shape_space import Shape
 from grasptrack.transfer import rrp
 from grasptrack.typing import Floats
 from grasptrack_bench.simulation.coverage import subdivide_polygon
@@ -71,25 +69,24 @@ def render(
     return np.clip(np.round(image), 0, 255).astype(np.uint8)
 
 
-def affine(scale: float, angle: float, x: float, y: float, shear: float = 0.0) -> Floats:
+def similar(scale: float, angle: float, x: float, y: float) -> Floats:
     """About the part's middle."""
     c, s = scale * math.cos(angle), scale * math.sin(angle)
-    M = np.array(((c, -s), (s, c))) @ np.array(((1 + shear, shear), (0.5 * shear, 1 - shear)))
+    M = np.array(((c, -s), (s, c)))
     H = np.eye(3)
     H[:2, :2] = M
     H[:2, 2] = np.array((320 + x, 245 + y)) - M @ (320, 245)
     return H
 
 
-def path(k: int, shear: float = 0.0) -> Floats:
+def path(k: int) -> Floats:
     t = k / 60
-    slow = math.sin(3 * t)
-    return affine(1 + 0.2 * slow, 0.5 * math.sin(5 * t), 60 * math.sin(4 * t), 40 * math.sin(7 * t), shear * slow)
+    return similar(1 + 0.2 * math.sin(3 * t), 0.5 * math.sin(5 * t), 60 * math.sin(4 * t), 40 * math.sin(7 * t))
 
 
-def begun(shape: Shape = "similarity", **options: Any) -> Snake:
+def begun(contacts: ArrayLike | None = None) -> Snake:
     """A snake on the part at rest."""
-    return Snake(PART, render(PART, np.eye(3), 0), shape, **options)
+    return Snake(PART, render(PART, np.eye(3), 0), contacts=contacts)
 
 
 def step(snake: Snake, image: NDArray[np.uint8]) -> SnakeFit:
@@ -106,16 +103,15 @@ def error(snake: Snake, fit: SnakeFit, H: Floats) -> float:
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.parametrize(("shape", "shear"), [("similarity", 0.0), ("affine", 0.0), ("affine", 0.12)])
-def test_contacts_over_sixty_frames(shape: Shape, shear: float) -> None:
-    snake = begun(shape)
+def test_contacts_over_sixty_frames() -> None:
+    snake = begun()
     errors = []
     for k in range(60):
         if k:
             snake.predict()
-        fit = snake.update(render(PART, path(k, shear), k))
+        fit = snake.update(render(PART, path(k), k))
         assert fit.ok, f"frame {k}: {fit.reason}"
-        errors.append(error(snake, fit, path(k, shear)))
+        errors.append(error(snake, fit, path(k)))
     assert max(errors) < 0.2, max(errors)
     assert np.sqrt(np.mean(np.square(errors))) < 0.12
 
@@ -134,7 +130,7 @@ def test_fast_motion_after_warming_up() -> None:
     x = 0.0
     for k in range(1, 30):
         x += (1 if (k // 12) % 2 == 0 else -1) * min(15.0, 3.0 * (k % 12 + 1))
-        H = affine(1.0, 0.01 * k, x, -0.3 * x)
+        H = similar(1.0, 0.01 * k, x, -0.3 * x)
         fit = step(snake, render(PART, H, k))
         if fit.ok:
             assert error(snake, fit, H) < 0.3
@@ -147,7 +143,7 @@ SHIFT = st.floats(-10, 10)
 @given(st.floats(0.85, 1.15), st.floats(-0.06, 0.06), SHIFT, SHIFT, st.integers(0, 99), st.booleans())
 def test_one_step_of_any_direction(scale: float, angle: float, x: float, y: float, seed: int, dark: bool) -> None:
     snake = Snake(PART, render(PART, np.eye(3), seed, dark))
-    H = affine(scale**0.5, angle, x, y)
+    H = similar(scale**0.5, angle, x, y)
     fit = step(snake, render(PART, H, seed + 1, dark))
     assert fit.ok and error(snake, fit, H) < 0.25
 
@@ -160,9 +156,8 @@ def bar(x: float, width: float, tilt: float) -> Floats:
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("tilt", [0.0, 0.5, 1.5708])
-@pytest.mark.parametrize("shape", ["similarity", "affine"])
-def test_a_bar_over_a_quarter_is_survived_or_admitted(shape: Shape, tilt: float) -> None:
-    snake = begun(shape)
+def test_a_bar_over_a_quarter_is_survived_or_admitted(tilt: float) -> None:
+    snake = begun()
     believed = 0
     for k in range(1, 40):
         fit = step(snake, render(PART, path(k), k, cover=bar(90 + 13 * k, 50, tilt)))
@@ -177,8 +172,8 @@ def test_gone_and_back() -> None:
     for k in range(1, 12):
         fit = step(snake, render(None, np.eye(3), k))
         assert not fit.ok and "edges" in fit.reason
-    there = affine(1.3, 1.0, 40.0, -20.0)
-    snake.reseed(there @ affine(1.01, 0.01, 1.0, 2.0))
+    there = similar(1.3, 1.0, 40.0, -20.0)
+    snake.reseed(there @ similar(1.01, 0.01, 1.0, 2.0))
     fit = snake.update(render(PART, there, 50))
     assert fit.ok and error(snake, fit, there) < 0.2
 
@@ -186,7 +181,7 @@ def test_gone_and_back() -> None:
 def test_out_of_the_image_is_unobserved_not_wrong() -> None:
     snake = begun()
     for k in range(1, 61):
-        H = affine(1.0, 0.1 * math.sin(k / 9), -6.0 * k, 0.0)
+        H = similar(1.0, 0.1 * math.sin(k / 9), -6.0 * k, 0.0)
         fit = step(snake, render(PART, H, k))
         outside = float((fit.points < 0.0).any(axis=1).mean())
         if fit.ok:
@@ -224,8 +219,6 @@ def test_refusals() -> None:
     image = render(PART, np.eye(3), 0)
     with pytest.raises(ObservationError):
         Snake(PART, render(None, np.eye(3), 0))
-    with pytest.raises(StrategyError):
-        Snake(PART, image, "perspective")  # type: ignore[arg-type]
     with pytest.raises(InputError):
         Snake(PART, np.dstack([image] * 3))
     with pytest.raises(InputError):

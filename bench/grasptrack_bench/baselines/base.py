@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import kernels
 from grasptrack.errors import GraspTrackError, ObservationError
 from grasptrack.geometry.contours import View
-from grasptrack.geometry.homographies import apply_homography, check_plausible, normalize_homography
+from grasptrack.geometry.homographies import apply_homography, judge_distortion, normalize_homography
 from grasptrack.images import Grey, to_grey
 from grasptrack.segmentation.first_look import find_objects
 from grasptrack.tracking.result import TrackResult
@@ -169,7 +170,7 @@ class Peer(ABC):
         if H is None:
             raise LostError("no homography fits")
         H = np.asarray(H, dtype=np.float64)
-        check_plausible(H, region)
+        judge_distortion(H, *kernels.distortion(H, region))
         return BaselineAnswer(apply_homography(H, self.contacts), normalize_homography(H), confidence)
 
 

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.geometry.homographies import apply_homography, check_plausible
+from grasptrack import kernels
+from grasptrack.geometry.homographies import apply_homography, judge_distortion
 from grasptrack.images import Grey
 from grasptrack.typing import Floats
 from grasptrack_bench.baselines.base import BaselineAnswer, LostError, Peer, region_of
@@ -76,7 +77,7 @@ class Klt(Peer):
         last = apply_homography(self._H, self._points).astype(np.float32)
         now, kept = self._forward_backward_flow(self._image, image, last)
         guess, _ = robust_homography(self._points[kept], now[kept])
-        check_plausible(guess, self._corners)
+        judge_distortion(guess, *kernels.distortion(guess, self._corners))
         laid = cv2.warpPerspective(image, guess, image.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
         now, kept = self._forward_backward_flow(self._first, np.asarray(laid, dtype=np.uint8), self._points)
         rest, inliers = robust_homography(self._points[kept], now[kept])

@@ -270,7 +270,7 @@ class PaperRRP(PaperTransfer):
     name: ClassVar[str] = "paper-rrp"
 
     def _learn(self, view: View, grey: Grey) -> None:
-        self._snake = Snake(view, grey, "similarity", contacts=self.contacts)
+        self._snake = Snake(view, grey, contacts=self.contacts)
         self._strategy = LiteralRRP()
         self._description = self._strategy.describe(Grasp(self.contacts), self._snake.template)
 

@@ -179,7 +179,6 @@ class Interruption:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Hand them back."""
         for number, before in self._before.items():
             signal.signal(number, before)
 
@@ -225,7 +224,6 @@ class ProgressBar:
         self._tasks: dict[str, Any] = {}
 
     def __enter__(self) -> ProgressBar:
-        """Begin to show."""
         if self._shown:
             self._progress.start()
         return self
@@ -233,7 +231,6 @@ class ProgressBar:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Clear the bar away."""
         if self._shown:
             self._progress.stop()
 

@@ -95,11 +95,9 @@ class DemoScene:
         self._phase = float(np.random.default_rng((seed, 18)).uniform(0.0, 2.0 * math.pi))
 
     def __len__(self) -> int:
-        """Frames."""
         return self.count
 
     def __iter__(self) -> Iterator[DemoFrame]:
-        """All frames in order."""
         return (self[i] for i in range(self.count))
 
     def homography(self, index: int) -> Floats:
@@ -107,7 +105,6 @@ class DemoScene:
         return normalize_homography(self._table_to_image[index] @ np.linalg.inv(self._table_to_image[0]))
 
     def __getitem__(self, index: int) -> DemoFrame:
-        """One frame, the same whenever it is asked for."""
         if not 0 <= index < self.count:
             raise IndexError(f"frame {index} of {self.count}")
         H, rng = self._table_to_image[index], np.random.default_rng((self._seed, 17, index))

@@ -80,7 +80,6 @@ class Camera:
             )
 
     def __repr__(self) -> str:
-        """One line: focal lengths, lens and size."""
         fx, fy = self.matrix[0, 0], self.matrix[1, 1]
         size = "" if self.size is None else f", {self.size[0]}x{self.size[1]} px"
         return f"Camera({fx:.1f} {fy:.1f} px, {self.model}, {len(self.distortion)} coefficients{size})"

@@ -218,18 +218,6 @@ class Contour:
         return hash((self.hole, len(self.points), *self.points[0].tolist()))
 
 
-def cubic_point(points: Floats, place: float) -> Floats:
-    """(2,) of a closed contour at a place: Hermite's cubic, its tangents across the neighbours' chords."""
-    n, i = len(points), int(place)
-    f = place - i
-    a, b, c, d = (points[(i + k) % n] for k in (-1, 0, 1, 2))
-    if f == 0.0:
-        return np.asarray(b)
-    ab, bc, cd = (float(np.hypot(*(q - p))) for p, q in ((a, b), (b, c), (c, d)))
-    m, k = ((q - p) * (bc / run) if run > 0.0 else 0.0 * p for p, q, run in ((a, c, ab + bc), (b, d, bc + cd)))
-    return np.asarray(b + f * (m + f * (3.0 * (c - b) - 2.0 * m - k + f * (2.0 * (b - c) + m + k))))
-
-
 def _are_same(one: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:
     """Whether two arrays are equal, or both absent."""
     if one is None or other is None:

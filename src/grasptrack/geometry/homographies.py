@@ -83,22 +83,17 @@ def rotation_about_z(angle: float) -> Floats:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def check_plausible(H: Floats, points: Floats) -> None:
+def judge_distortion(H: Floats, in_front: float, determinant: float, ratio: float) -> None:
     """Refuse a homography that no view of a flat object could give.
 
     Args:
         H: (3, 3) reference to current.
-        points: (N, 2) a few points that span the object in the reference.
+        in_front, determinant, ratio: its worst distortion of points of the object, as `kernels.distortion` has it.
 
     Raises:
         ConditioningError: not finite, mirrors the object, sends part of it to infinity, or flattens it beyond
             MAX_SHEAR.
     """
-    judge_distortion(H, *kernels.distortion(H, points))
-
-
-def judge_distortion(H: Floats, in_front: float, determinant: float, ratio: float) -> None:
-    """`check_plausible` of a homography whose worst distortion, as `kernels.distortion` has it, is known already."""
     if in_front > HORIZON and determinant > 0.0 and ratio <= MAX_SHEAR:
         return
     if math.isnan(in_front):

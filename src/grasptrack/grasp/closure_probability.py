@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import NamedTuple
 
@@ -21,8 +20,6 @@ from grasptrack.typing import Floats
 
 CHANCE = 0.9
 """A grasp that closes with less than this probability, its contacts being as uncertain as they are, is not stable."""
-SURE = 1e-6
-"""Where the chances to leave a region add up to no more than this, a joint covariance is not looked at more closely."""
 BUILD = math.radians(0.3)
 """rad of margin, by which it may change before the regions are found anew."""
 SAME = 1e-4
@@ -31,11 +28,6 @@ NORMAL_PX = 0.05
 """px, standard deviation by which the ends of the line under a finger are off across the outline."""
 BEND_PX = 1.5
 """px along the outline, of the first view, by which a bend is off."""
-
-
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
-_FAR = 7.0
-"""Standard deviations beyond which nothing is left."""
 
 
 class Rectifications(NamedTuple):
@@ -239,18 +231,16 @@ def chance_of_closing(
 
     Args:
         regions: in the reference view.
-        covariance: px^2 in the current view: (k, 2, 2), the contacts' errors then being independent, or joint
-            (2k, 2k), ordered x1 y1 x2 y2.
+        covariance: (k, 2, 2) px^2 in the current view; the contacts' errors are independent.
         homography: (3, 3) H_current_reference; None where both views are one.
         contacts: (k, 2) px in the current view, where they are not the regions' own under the homography.
 
     Returns:
-        NaN where the covariance or the homography is not finite. With a joint covariance, one less the sum of the chances
-        to leave a region, which is never too much, where that sum is below SURE or there are more than 3 contacts.
+        NaN where the covariance or the homography is not finite.
     """
     k = len(regions.contacts)
-    if covariance.shape not in ((k, 2, 2), (2 * k, 2 * k)):
-        raise InputError(f"a covariance of {k} contacts is ({k}, 2, 2) or ({2 * k}, {2 * k}), not {covariance.shape}")
+    if covariance.shape != (k, 2, 2):
+        raise InputError(f"a covariance of {k} contacts is ({k}, 2, 2), not {covariance.shape}")
     found = _slip_rows(regions, homography)
     if found is None:
         return math.nan
@@ -260,15 +250,6 @@ def chance_of_closing(
         for i, ((u, v), (px, py), (x, y)) in enumerate(zip(rows, places, contacts.tolist(), strict=True)):
             off = u * (x - px) + v * (y - py)
             low[i], high[i] = low[i] - off, high[i] - off
-    if covariance.ndim == 2:
-        project = np.zeros((k, 2 * k))
-        for i, (u, v) in enumerate(rows):
-            project[i, 2 * i : 2 * i + 2] = u, v
-        slips = project @ covariance @ project.T
-        leaving = sum(
-            1.0 - interval_probability(a, b, v) for a, b, v in zip(low, high, np.diag(slips).tolist(), strict=True)
-        )
-        return 1.0 - leaving if leaving <= SURE else in_box(low, high, slips)
     chance = 1.0
     for (u, v), ((xx, xy), (yx, yy)), a, b in zip(rows, covariance.tolist(), low, high, strict=True):
         chance *= interval_probability(a, b, u * (u * xx + v * (xy + yx)) + v * v * yy)
@@ -302,9 +283,6 @@ def _slip_rows(regions: Regions, homography: Floats | None) -> tuple[_Pairs, _Pa
     return rows, places
 
 
-# --- how much of a Gaussian lies between bounds ----------------------------------------------
-
-
 def interval_probability(low: float, high: float, variance: float) -> float:
     """The chance of a Gaussian of mean 0 to lie between two bounds."""
     if not math.isfinite(variance):
@@ -313,42 +291,3 @@ def interval_probability(low: float, high: float, variance: float) -> float:
         return 1.0 if low <= 0.0 <= high and low < high else 0.0
     scale = 1.0 / math.sqrt(2.0 * variance)
     return 0.5 * (math.erf(high * scale) - math.erf(low * scale))
-
-
-def in_box(low: list[float], high: list[float], covariance: Floats) -> float:
-    """The chance of a Gaussian vector of mean 0 to lie in a box."""
-    if not np.isfinite(covariance).all():
-        return math.nan
-    if len(low) > 3:
-        out = sum(
-            1.0 - interval_probability(a, b, float(v)) for a, b, v in zip(low, high, np.diag(covariance), strict=True)
-        )
-        return max(0.0, 1.0 - out)
-    values, vectors = np.linalg.eigh(covariance)
-    # Any square root serves; the lower triangular one lets the bounds of one follow from those before it.
-    L = np.asarray(np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)[1]).T
-    found = float(_nested_box_integral(np.array(low), np.array(high), L * np.where(np.diag(L) < 0.0, -1.0, 1.0)))
-    return min(1.0, max(0.0, found))
-
-
-def _nested_box_integral(low: Floats, high: Floats, L: Floats) -> float:
-    """The chance that low <= L z <= high for z of independent standard Gaussians, L lower triangular, one by one."""
-    if len(low) == 1:
-        return interval_probability(float(low[0]), float(high[0]), float(L[0, 0]) ** 2)
-    if L[0, 0] <= 1e-12 * float(np.abs(L).max()):
-        return (
-            _nested_box_integral(low[1:], high[1:], L[1:, 1:]) if low[0] <= 0.0 <= high[0] and low[0] < high[0] else 0.0
-        )
-    first, last = max(-_FAR, low[0] / L[0, 0]), min(_FAR, high[0] / L[0, 0])
-    if not first < last:
-        return 0.0
-    with np.errstate(all="ignore"):
-        corners = np.concatenate([low[1:] / L[1:, 0], high[1:] / L[1:, 0]])  # where the rest may change at once
-    cuts = [first, *sorted(float(c) for c in corners if first < c < last), last]
-    total = 0.0
-    for a, b in itertools.pairwise(cuts):
-        z = 0.5 * (a + b) + 0.5 * (b - a) * _NODES
-        density = np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
-        inner = [_nested_box_integral(low[1:] - L[1:, 0] * t, high[1:] - L[1:, 0] * t, L[1:, 1:]) for t in z]
-        total += 0.5 * (b - a) * float((_WEIGHTS * density) @ inner)
-    return total

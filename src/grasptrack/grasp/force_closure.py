@@ -63,7 +63,6 @@ class GraspAnalysis(NamedTuple):
         return to_dict(self)
 
     def __repr__(self) -> str:
-        """One line: stable or why not, and by how much."""
         verdict = "stable" if self.stable else f'"{self.reason}"'
         return (
             f"GraspAnalysis({verdict}, margin {self.margin_deg:.1f}°, epsilon {self.epsilon:.3f}, in {self.judged_in})"

@@ -130,7 +130,6 @@ class Hand:
     px_per_mm: float | None = None
 
     def __post_init__(self) -> None:
-        """Check what can be checked without an object."""
         for name in ("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance"):
             given = getattr(self, name)
             length = checked_length(given, name)

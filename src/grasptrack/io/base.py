@@ -42,7 +42,6 @@ class Frame:
     name: str
 
     def __repr__(self) -> str:
-        """One line, without the pixels."""
         when = "" if self.time is None else f", {self.time:g} s"
         return f'Frame({self.index}, "{self.name}", {_format_size(self.image.shape)} px{when})'
 
@@ -147,7 +146,6 @@ class Source(ABC):
         return SourceError(told, frame=frame, count=count)
 
     def __iter__(self) -> Iterator[Frame]:
-        """The frames from the first."""
         self.close()
         self._running = running = self._read()
         size: tuple[int, ...] | None = None
@@ -202,7 +200,6 @@ class Source(ABC):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close."""
         self.close()
 
 

@@ -49,11 +49,9 @@ class Masks:
             )
 
     def __len__(self) -> int:
-        """Number of masks."""
         return len(self._paths)
 
     def __iter__(self) -> Iterator[Path]:
-        """The masks' files, in natural order."""
         return iter(self._paths)
 
     def mask_for(self, frame: Frame) -> Mask:

@@ -193,7 +193,6 @@ class ResultPublisher:
             self._wake_thread()
 
     def __enter__(self) -> ResultPublisher:
-        """Begin to send."""
         self._thread.start()
         return self
 

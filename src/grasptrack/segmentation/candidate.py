@@ -123,7 +123,6 @@ class Candidate(NamedTuple):
         return to_dict(self)
 
     def __repr__(self) -> str:
-        """One line: what it looks like, and how probably it is meant."""
         look = {1: "dark", -1: "light"}.get(self.polarity, "mixed")
         return f"Candidate({self.view!r}, {look}, probability {self.probability:.3f}{', sure' if self.sure else ''})"
 

@@ -91,7 +91,7 @@ class Signs(NamedTuple):
     @property
     def factor(self) -> float:
         """What the logistic function is multiplied by: of what is worth the same, and of two things, either may be meant."""
-        return tie_factor(self.lead) * (1.0 - self.toned)
+        return logistic(TIE * self.lead) * (1.0 - self.toned)
 
 
 def soundness_term(bad: float) -> float:
@@ -151,11 +151,6 @@ def choice_probabilities(worth: Floats, signs: Signs, numbers: ChoiceNumbers) ->
     rest = np.exp(worth[1:] - worth[0])
     shares = (1.0 - first) * numbers.among * rest / max(float(rest.sum()), TINY_SHARE)
     return np.concatenate([[first], np.minimum(shares, first)])
-
-
-def tie_factor(lead: float) -> float:
-    """Share of the first beside the best that is another region: a half where both are worth the same."""
-    return logistic(TIE * lead)
 
 
 def logistic(log_odds: float) -> float:

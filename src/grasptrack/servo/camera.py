@@ -216,7 +216,6 @@ class NominalCamera:
     distance: float = 0.4
 
     def __repr__(self) -> str:
-        """One line: focal length, distance, and where it is mounted."""
         at = " ".join(f"{v:g}" for v in self.pose()[:3, 3].tolist())
         return f"NominalCamera({self.focal:g} px, {self.distance:g} m away, mounted at {at} m)"
 

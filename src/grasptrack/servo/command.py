@@ -60,7 +60,6 @@ class Command:
         return to_dict(self)
 
     def __repr__(self) -> str:
-        """One line: state, twist and why."""
         twist = " ".join(f"{v:.4g}" for v in self.twist.tolist())
         also = ", close" if self.close else ", open" if self.open else ""
         return f'Command({self.state}, twist {twist}{also}, "{self.reason}")'

@@ -63,11 +63,9 @@ class Goal:
     symmetric: bool = True
 
     def __post_init__(self) -> None:
-        """Check the points."""
         object.__setattr__(self, "points", _check_points(self.points))
 
     def __repr__(self) -> str:
-        """One line: kind and places."""
         return f"Goal({self.kind}, {' '.join(f'{x:.2f},{y:.2f}' for x, y in self.points.tolist())})"
 
     @classmethod

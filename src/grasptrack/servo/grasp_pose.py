@@ -68,7 +68,6 @@ class GraspPose:
         return to_dict(self)
 
     def __repr__(self) -> str:
-        """One line: where, and how sure, along each of the base's axes."""
         sd = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         at = " ".join(f"{v:.4f}" for v in self.position.tolist())
         within = " ".join(f"{1e3 * v:.2g}" for v in sd[:3].tolist())

@@ -94,7 +94,6 @@ class HandEye:
         )
 
     def __repr__(self) -> str:
-        """One line: what, and how sure."""
         sd, at = self.standard_deviations(), " ".join(f"{v:.4f}" for v in self.mounting[:3, 3].tolist())
         return (
             f"HandEye({self.focal:.1f} px within {100.0 * sd[FOCAL]:.2g} %, mounted at {at} m "

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from grasptrack.errors import InputError
 from grasptrack.geometry.contours import Contour, Outline, View
 from grasptrack.snake.fit import CurveMatch, SnakeModel, fit_to_edges
-from grasptrack.snake.shape_space import ConstantVelocity, Shape, ShapeSpace
+from grasptrack.snake.shape_space import DOF, ConstantVelocity, ShapeSpace
 from grasptrack.snake.template import Grey, Template, sampled_outline
 from grasptrack.typing import Floats
 
@@ -41,7 +41,7 @@ class SnakeFit:
 __all__ = ["Snake", "SnakeFit"]
 
 TOLERANCE = 0.3
-"""px rms between the outline and its spline."""
+"""px rms between the outline and its spline; smaller keeps corners sharper at the price of more samples."""
 MIN_REACH, MAX_REACH = 6.0, 30.0
 """px at 640x480 searched on either side of the predicted curve; larger images scale them."""
 MIN_SUPPORT = 0.6
@@ -65,8 +65,6 @@ class Snake:
         view: the object in the first image: outer contour, and holes, which hold the snake as well.
         image: (H, W) uint8 or float32, the first image, from which the edge's polarity, strength and grey levels on
             both sides are learned for each sample.
-        shape: "similarity" (4 DoF: the paper's) or "affine" (6 DoF: holds more tilt, and fixes less when hidden).
-        tolerance: px rms between outline and spline; smaller keeps corners sharper at the price of more samples.
         contacts: (k, 2) px that must lie within the tolerance of the sampled outline.
 
     Attributes:
@@ -76,26 +74,17 @@ class Snake:
     Raises:
         InputError: an image that is not (H, W).
         ObservationError: the outline lies on no edge of the image.
-        StrategyError: unknown shape.
     """
 
-    def __init__(
-        self,
-        view: Outline,
-        image: Grey,
-        shape: Shape = "similarity",
-        *,
-        tolerance: float = TOLERANCE,
-        contacts: ArrayLike | None = None,
-    ) -> None:
+    def __init__(self, view: Outline, image: Grey, *, contacts: ArrayLike | None = None) -> None:
         self._size = max(1.0, math.sqrt(_require_grey_image(image).size / (640.0 * 480.0)))
-        self.template, normals, self.rms = sampled_outline(view, tolerance, contacts)
-        self.space = ShapeSpace(self.template.points, shape)
+        self.template, normals, self.rms = sampled_outline(view, TOLERANCE, contacts)
+        self.space = ShapeSpace(self.template.points)
         self._edges = Template(self.template, normals, image)
         self._model = SnakeModel(self._edges, self.space)
         self._metric = self.space.metric_matrix()
-        self._motion = ConstantVelocity(self.space.dof, self._size)
-        self._last: Floats = np.zeros(self.space.dof)
+        self._motion = ConstantVelocity(DOF, self._size)
+        self._last: Floats = np.zeros(DOF)
 
     @property
     def homography(self) -> Floats:

@@ -3,47 +3,37 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from grasptrack.errors import ConditioningError, ContourError, StrategyError
+from grasptrack.errors import ConditioningError, ContourError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.typing import Floats
 
-Shape = Literal["similarity", "affine"]
-SHAPES: tuple[Shape, ...] = ("similarity", "affine")
+DOF = 4
+"""Of a planar similarity."""
 
 
 class ShapeSpace:
-    """The views of a template that differ by a planar similarity (4 DoF) or an affine map (6 DoF).
+    """The views of a template that differ by a planar similarity: translation, rotation, scale (Section III-A).
 
-    A state X is all in px: the first two entries move the template's centroid g, the others turn, scale and shear about
-    it, multiplied by the template's rms radius rho, so that one unit of any moves the points by about 1 px.
-
-        similarity  X = (tx, ty, rho (s cos a - 1), rho s sin a)
-        affine      X = (tx, ty, rho (m11 - 1), rho (m22 - 1), rho m21, rho m12)
+    A state X = (tx, ty, rho (s cos a - 1), rho s sin a) is all in px: the first two entries move the template's centroid g,
+    the others turn and scale about it, multiplied by the template's rms radius rho, so that one unit of any moves the points
+    by about 1 px.
 
     Args:
         points: (n, 2) px, the template Q0.
-        shape: "similarity" (translation, rotation, scale: Section III-A) or "affine" (also weak tilt).
 
     Raises:
-        StrategyError: another shape.
         ContourError: fewer than 3 points, or all in one place.
     """
 
-    __slots__ = ("_pinv", "centre", "dof", "local", "points", "rho", "shape")
+    __slots__ = ("_pinv", "centre", "local", "points", "rho")
 
-    def __init__(self, points: ArrayLike, shape: Shape = "similarity") -> None:
-        if shape not in SHAPES:
-            raise StrategyError(f'unknown shape space "{shape}"; choose from {", ".join(SHAPES)}', shape=shape)
+    def __init__(self, points: ArrayLike) -> None:
         self.points: Floats = np.array(points, dtype=np.float64)
         if self.points.ndim != 2 or self.points.shape[1] != 2 or len(self.points) < 3:
             raise ContourError(f"a template is an array of at least 3 points (n, 2), not {self.points.shape}")
-        self.shape: Shape = shape
-        self.dof = 4 if shape == "similarity" else 6
         self.centre: Floats = np.asarray(self.points.mean(axis=0))
         offset: Floats = self.points - self.centre
         self.rho = float(np.sqrt(np.einsum("ij,ij->", offset, offset) / len(offset)))
@@ -61,23 +51,16 @@ class ShapeSpace:
         """(m, 2, dof): derivative of where points (m, 2) of the template go by the state, the same at any state."""
         p = (points - self.centre) / self.rho
         x, y = p[:, 0], p[:, 1]
-        out = np.zeros((len(p), 2, self.dof))
+        out = np.zeros((len(p), 2, DOF))
         out[:, 0, 0] = out[:, 1, 1] = 1.0
-        if self.shape == "similarity":
-            out[:, 0, 2], out[:, 0, 3] = x, -y
-            out[:, 1, 2], out[:, 1, 3] = y, x
-        else:
-            out[:, 0, 2], out[:, 0, 5] = x, y
-            out[:, 1, 3], out[:, 1, 4] = y, x
+        out[:, 0, 2], out[:, 0, 3] = x, -y
+        out[:, 1, 2], out[:, 1, 3] = y, x
         return out
 
     def linear_part(self, state: Floats) -> Floats:
         """(2, 2): the linear part of the map that a state stands for."""
-        if self.shape == "similarity":
-            a, b = 1.0 + float(state[2]) / self.rho, float(state[3]) / self.rho
-            return np.array(((a, -b), (b, a)))
-        m11, m22, m21, m12 = (state[2:] / self.rho).tolist()
-        return np.array(((1.0 + m11, m12), (m21, 1.0 + m22)))
+        a, b = 1.0 + float(state[2]) / self.rho, float(state[3]) / self.rho
+        return np.array(((a, -b), (b, a)))
 
     def curve_points(self, state: Floats) -> Floats:
         """(n, 2) px: Q = W X + Q0."""
@@ -94,7 +77,7 @@ class ShapeSpace:
     def state_near(self, H: ArrayLike) -> Floats:
         """(dof,) state nearest to a homography: its image of the template, least squares over the points.
 
-        Exact where H lies in the space; the affine or similar map that fits best where it does not.
+        Exact where H lies in the space; the similarity that fits best where it does not.
 
         Raises:
             ConditioningError: not (3, 3), not finite, or H sends part of the template to infinity.

@@ -154,7 +154,6 @@ class Suitability:
         return to_dict(self)
 
     def __repr__(self) -> str:
-        """One line: the verdict."""
         return f'Suitability("{self.verdict}")'
 
     @property

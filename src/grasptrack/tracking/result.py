@@ -105,7 +105,6 @@ class TrackResult:
     part_id: str = ""
 
     def __repr__(self) -> str:
-        """One line: the frame, what it says, and where the contacts are."""
         at = "" if self.contacts is None else ", " + " ".join(f"{x:.2f},{y:.2f}" for x, y in self.contacts.tolist())
         why = f" ({self.reason_code})" if self.reason_code else ""
         sure = f"{self.confidence:.3f}" if self.located else format_confidence(self.confidence)

@@ -155,7 +155,7 @@ class Snakes:
 
     def __init__(self, grasp: Grasp, reference: View, grey: Grey) -> None:
         try:
-            self._snake = Snake(reference, grey, "similarity", contacts=grasp.contacts)
+            self._snake = Snake(reference, grey, contacts=grasp.contacts)
         except ObservationError as error:
             raise TransferError(str(error)) from None
         self._description = rrp.describe(grasp, self._snake.template)

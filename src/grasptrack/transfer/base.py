@@ -35,7 +35,6 @@ class Transfer(NamedTuple):
         return to_dict(self)
 
     def __repr__(self) -> str:
-        """One line: the contacts."""
         return f"Transfer({self.grasp!r}, residual {self.residual:.2f} px)"
 
 

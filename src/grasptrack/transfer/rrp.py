@@ -19,7 +19,8 @@ from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats, Ints
 
 INTERPOLATED = 6
-"""Points of the outline per segment between reference points, as in Table IV: p = 6 ref + interp."""
+"""Points of the outline per segment between reference points, as in Table IV: p = 6 ref + interp. A reference point is every
+so many-th point; contacts are printed by them."""
 
 
 class RRPDescription:
@@ -29,26 +30,14 @@ class RRPDescription:
         places: (k, >= 2) contour index, position p (point index plus the fraction of the side that follows).
         offsets: (C + 1,) first point of each contour of the outline: what another outline must have in common.
         quality: of the grasp, carried along.
-        interpolated: points per segment between reference points; a reference point is every so many-th point.
-
-    Raises:
-        StrategyError: `interpolated` below 1.
     """
 
-    __slots__ = ("interpolated", "offsets", "places", "quality")
+    __slots__ = ("offsets", "places", "quality")
 
-    def __init__(
-        self, places: Floats, offsets: Ints, quality: float = math.nan, interpolated: int = INTERPOLATED
-    ) -> None:
-        if interpolated < 1:
-            raise StrategyError(
-                f"a segment between reference points has at least 1 point, not {interpolated}",
-                interpolated=interpolated,
-            )
+    def __init__(self, places: Floats, offsets: Ints, quality: float = math.nan) -> None:
         self.places = places
         self.offsets = offsets
         self.quality = quality
-        self.interpolated = interpolated
 
     def paper(self) -> list[tuple[int, int, int]]:
         """(c, ref, interp) of each contact as the paper prints them: the nearest point of the outline."""
@@ -56,7 +45,7 @@ class RRPDescription:
         rows = []
         for c, p in self.places[:, :2].tolist():
             nearest = round(p) % int(counts[int(c)])
-            rows.append((int(c), nearest // self.interpolated, nearest % self.interpolated))
+            rows.append((int(c), nearest // INTERPOLATED, nearest % INTERPOLATED))
         return rows
 
     def __repr__(self) -> str:
@@ -64,18 +53,17 @@ class RRPDescription:
         return "RRP(" + " ".join(f"({c}, {r}, {i})" for c, r, i in self.paper()) + ")"
 
 
-def describe(grasp: Grasp, view: Outline, interpolated: int = INTERPOLATED) -> RRPDescription:
+def describe(grasp: Grasp, view: Outline) -> RRPDescription:
     """RRP coordinates of a grasp, each contact at the place of the outline nearest to it.
 
     Args:
         grasp: any number of contacts, on the outline; one beside it is described by the nearest point of the outline.
         view: the outline in whose points they are expressed.
-        interpolated: points per segment between reference points; it changes how places are printed, not where.
     """
     # Places lie on a grid of 2**-32, so that the rounding of one transfer cannot move the next: there and back ends on
     # the very same floats.
     places = kernels.fixed_places(view.points, view.offsets, grasp.contacts)
-    return RRPDescription(places, view.offsets, grasp.quality, interpolated)
+    return RRPDescription(places, view.offsets, grasp.quality)
 
 
 def apply(description: RRPDescription, view: Outline, prior: Floats | None = None) -> Transfer:

@@ -34,7 +34,6 @@ class Drawing(np.ndarray[tuple[Any, ...], np.dtype[np.uint8]]):  # to inherit fr
     """A picture, uint8 BGR (H, W, 3): an array like any other, but that a notebook shows it."""
 
     def __repr__(self) -> str:
-        """One line: its size."""
         return f"Drawing({self.shape[1]}x{self.shape[0]} px)" if self.ndim == 3 else repr(np.asarray(self))
 
     def _repr_png_(self) -> bytes | None:
@@ -59,22 +58,20 @@ def draw(image: NDArray[Any] | None, found: Drawable, title: str = "") -> Drawin
     """
     image = None if image is None else to_bgr(image)
     if isinstance(found, Suitability):
-        return _inspection_page(_ground_for(found.view.points) if image is None else image, found, title)
+        return _inspection_page(_ground_for(image, found.view.points), found, title)
     if isinstance(found, TrackResult):
         points = [p for p in (found.contacts, None if found.view is None else found.view.points) if p is not None]
-        return draw_overlay(_ground_for(*points) if image is None else image, found).view(Drawing)
+        return draw_overlay(_ground_for(image, *points), found).view(Drawing)
     if isinstance(found, Transfer):
         found = found.grasp
     if isinstance(found, (Contour, View)):
-        points = [found.points]
-        return draw_grasps(_ground_for(*points) if image is None else image, [], found).view(Drawing)
+        return draw_grasps(_ground_for(image, found.points), [], found).view(Drawing)
     listed: list[Any] = [found] if isinstance(found, (Candidate, Grasp)) else _as_list(found)
     if listed and all(isinstance(one, Candidate) for one in listed):
-        points = [one.view.points for one in listed]
-        return draw_candidates(_ground_for(*points) if image is None else image, listed).view(Drawing)
+        return draw_candidates(_ground_for(image, *(one.view.points for one in listed)), listed).view(Drawing)
     if all(isinstance(one, Grasp) for one in listed):
-        points = [one.contacts for one in listed]
-        return draw_grasps(_ground_for(*points) if image is None else image, points).view(Drawing)
+        contacts = [one.contacts for one in listed]
+        return draw_grasps(_ground_for(image, *contacts), contacts).view(Drawing)
     raise InputError(
         "what can be drawn: a result of the tracker, candidates, grasps, a transfer, an outline, or what inspect found; "
         f"not {type(found).__name__}"
@@ -90,8 +87,10 @@ def _as_list(found: object) -> list[Any]:
     return list(found) if isinstance(found, Sequence) and not isinstance(found, (str, bytes)) else [found]
 
 
-def _ground_for(*points: Floats) -> NDArray[np.uint8]:
-    """A plain picture that holds these points (n, 2) px, the origin being where it is in the image."""
+def _ground_for(image: NDArray[Any] | None, *points: Floats) -> NDArray[Any]:
+    """The image; where there is none a plain picture that holds these points (n, 2) px, its origin that of the image."""
+    if image is not None:
+        return image
     far = np.max([p.max(axis=0) for p in points], axis=0) if points else np.array([480.0, 120.0])
     width, height = (np.clip(far, 0.0, 8000.0) + AROUND).astype(int).tolist()
     return np.full((height, width), EMPTY, np.uint8)

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from grasptrack.view import style
 from grasptrack.view.draw import CANDIDATE_RGB, Canvas, as_bgr, enlarged_canvas
-from grasptrack.view.style import Picture, ellipsise_text, put_text, rgb_to_bgr, text_width, write_picture
+from grasptrack.view.style import Colour, Picture, ellipsise_text, put_text, rgb_to_bgr, text_width, write_picture
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
     from grasptrack.tracking.instances import Instance
     from grasptrack.tracking.parts import KnownPart
+    from grasptrack.tracking.result import TrackResult
     from grasptrack.tracking.scene import SceneResult
 
 _KIND_RGB = (*CANDIDATE_RGB[1:], style.NEIGHBOUR_RGB, style.CONE_RGB, style.STRATEGY_RGB["homography"])
@@ -38,9 +39,7 @@ def draw_instances(image: NDArray[Any], found: Sequence[Instance]) -> Picture:
         if one.found and one.contacts is not None:
             colour = _KIND_RGB[names.index(one.part) % len(_KIND_RGB)]
             canvas.draw_lines([c.points for c in one.view.contours], colour, 1.3, casing=2.8, closed=True)
-            canvas.draw_grasp_line(one.contacts, style.STATUS_RGB["tracked"])
-            for contact, seen in zip(one.contacts, one.seen if one.seen is not None else (), strict=True):
-                canvas.draw_contact(contact, style.STATUS_RGB["tracked"], bool(seen >= 0.5))
+            _draw_grasp(canvas, one, style.STATUS_RGB["tracked"])
     for number, one in enumerate(found, 1):
         blocked = "" if np.isinf(one.room) else ", no room"
         _draw_tag(canvas, f"{number} {one.part}{blocked}" if one.found else f"{one.part}: {one.reason_code}", one.view)
@@ -63,14 +62,20 @@ def draw_scene(image: NDArray[Any], told: SceneResult, last: Mapping[int | None,
             canvas.draw_last_outline(view)
         elif view is not None and result.contacts is not None:
             canvas.draw_lines([c.points for c in view.contours], colour, 1.3, casing=2.8, closed=True)
-            canvas.draw_grasp_line(result.contacts, colour)
-            for contact, seen in zip(result.contacts, result.seen if result.seen is not None else (), strict=True):
-                canvas.draw_contact(contact, colour, bool(seen >= 0.5))
+            _draw_grasp(canvas, result, colour)
     for number, result in told.results.items():
         view = views[number]
         if view is not None:
             _draw_tag(canvas, f"{number} {result.part_id if result.located else result.reason_code}", view)
     return canvas.picture
+
+
+def _draw_grasp(canvas: Canvas, one: Instance | TrackResult, colour: Colour) -> None:
+    """A grasp, whose contacts are known: its line, and a ring in place of a dot where a contact's edge is not seen."""
+    assert one.contacts is not None
+    canvas.draw_grasp_line(one.contacts, colour)
+    for contact, seen in zip(one.contacts, one.seen if one.seen is not None else (), strict=True):
+        canvas.draw_contact(contact, colour, bool(seen >= 0.5))
 
 
 def _draw_tag(canvas: Canvas, text: str, view: View) -> None:

@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 
-from grasptrack.geometry.contours import cubic_point
 from grasptrack.kernels.results import CarriedPoints, Distortion, FittedHomography
 from grasptrack.typing import Floats
+from research.paper.correspondences import cubic_point
 
 __all__ = ["carry_normals", "carry_points", "distortion", "fit_homography"]
 
