@@ -197,6 +197,10 @@ class MaskedImage(FirstImageOptions):
         str | None, option(OBJECT, "FILE", "Your own segmentation: a mask that is white on objects, or numbers them.")
     ] = None
 
+    def files(self) -> list[str]:
+        """That are read of what is said."""
+        return super().files() if self.mask is None else [self.mask, *super().files()]
+
 
 @dataclass(frozen=True)
 class MaskedFrames(FirstImageOptions):

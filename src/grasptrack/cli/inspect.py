@@ -65,7 +65,7 @@ def inspect(
     from grasptrack.view.inspect import write_inspection
 
     written = [output / name for name in ("inspect.json", "inspect.png", PICTURE)]
-    keep_inputs(written, [image, *([] if first.mask is None else [first.mask]), *first.files()])
+    keep_inputs(written, [image, *first.files()])
     help_groups.hold_until_end(output)
     said = {name: value for name, value in scene.said.tracker_arguments().items() if name != "sure"}
     try:

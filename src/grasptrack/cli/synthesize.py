@@ -80,7 +80,7 @@ def synthesize(
     from grasptrack.view.grasps import write_grasps
 
     written = [output / name for name in ("grasps.json", "grasps.png", PICTURE)]
-    keep_inputs(written, [image, *([] if first.mask is None else [first.mask]), *first.files()])
+    keep_inputs(written, [image, *first.files()])
     help_groups.hold_until_end(output)
     try:
         views, candidates, probability = first_image.find_outlines(scene, first.segmenter)

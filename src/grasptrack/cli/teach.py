@@ -71,8 +71,7 @@ def teach(
     from grasptrack.io.parts import Part
 
     contacts, fingers, size = grasp.given_contacts(), grasp.finger_count(at_most_three=True), hand.make_hand()
-    read = [image, *([] if first.mask is None else [first.mask]), *first.files()]
-    keep_inputs([output], read)
+    keep_inputs([output], [image, *first.files()])
     if output.exists():
         try:
             Part.load(output)

@@ -205,7 +205,6 @@ def _write_files(
 
 
 def _show_results(analysis: Any, at: NDArray[Any], found: _Found, notes: list[str], files: list[Path]) -> None:
-    """The table."""
     rows, notes = [["(reference)", _format_contacts(at), "", "", *_stability_cells(analysis)]], notes[:]
     for o in found.outcomes:
         cells = [format_confidence(o.confidence), format_number(o.off)]

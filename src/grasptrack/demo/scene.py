@@ -137,9 +137,8 @@ def demo_scene(
     wave = 2.0 * math.pi * u
     lean = np.clip((u - 0.3) / 0.6, 0.0, 1.0)
     K = _intrinsic_matrix(width, height)
-    target = np.column_stack(
-        [0.22 * np.sin(wave), -0.16 * np.sin(2.0 * wave)]
-    )  # where the optical axis meets the table
+    # where the optical axis meets the table
+    target = np.column_stack([0.22 * np.sin(wave), -0.16 * np.sin(2.0 * wave)])
     distance = 4.4 - 0.65 * np.sin(0.5 * wave) ** 2 + 0.12 * (1.0 - np.cos(2.0 * wave))
     roll = math.radians(70.0) * np.sin(0.5 * wave) ** 2 - math.radians(14.0) * np.sin(wave)
     tilt = math.radians(28.0) * np.sin(math.pi * lean) ** 2

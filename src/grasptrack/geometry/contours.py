@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import arguments, kernels
+from grasptrack.equality import are_equal
 from grasptrack.errors import ContourError, InputError
 from grasptrack.presentation import png_of
 from grasptrack.typing import Bools, Floats
@@ -153,7 +154,6 @@ class Contour:
         return {"points": self.points.tolist(), "hole": self.hole, "area": self.area}
 
     def _repr_png_(self) -> bytes:
-        """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
         return png_of(self)
 
     @property
@@ -204,25 +204,17 @@ class Contour:
         return _Transformed.of_contour(self, _as_homography(H))
 
     def __eq__(self, other: object) -> bool:
-        """Whether it is the same curve with the same marks, point for point."""
         if not isinstance(other, Contour):
             return NotImplemented
         return self is other or (
             self.hole == other.hole
             and np.array_equal(self.points, other.points)
-            and _are_same(self.strength, other.strength)
-            and _are_same(self.clipped, other.clipped)
+            and are_equal(self.strength, other.strength)
+            and are_equal(self.clipped, other.clipped)
         )
 
     def __hash__(self) -> int:
         return hash((self.hole, len(self.points), *self.points[0].tolist()))
-
-
-def _are_same(one: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:
-    """Whether two arrays are equal, or both absent."""
-    if one is None or other is None:
-        return one is other
-    return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
 
 
 def _as_homography(H: ArrayLike) -> Floats:
@@ -376,10 +368,9 @@ class View:
         self._joined: tuple[Floats, NDArray[np.int64]] | None = None
 
     def __eq__(self, other: object) -> bool:
-        """Whether it is of the same contours, and of the same image where there is one."""
         if not isinstance(other, View):
             return NotImplemented
-        return self is other or (self.contours == other.contours and _are_same(self.image, other.image))
+        return self is other or (self.contours == other.contours and are_equal(self.image, other.image))
 
     def __hash__(self) -> int:
         return hash(self.contours)
@@ -392,7 +383,6 @@ class View:
         return {"contours": [c.to_dict() for c in self.contours]}
 
     def _repr_png_(self) -> bytes:
-        """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
         return png_of(self)
 
     @property

@@ -68,9 +68,8 @@ class BoundarySamples:
             )
             self.usable = ~cut
         n = self.normals
-        between = np.arctan2(
-            np.abs(n[:-1, 0] * n[1:, 1] - n[:-1, 1] * n[1:, 0]), (n[:-1] * n[1:]).sum(axis=1)
-        )  # by what the normal turns from one place to the next
+        # by what the normal turns from one place to the next
+        between = np.arctan2(np.abs(n[:-1, 0] * n[1:, 1] - n[:-1, 1] * n[1:, 0]), (n[:-1] * n[1:]).sum(axis=1))
         self.turn: Floats = np.maximum(np.append(between, 0.0), np.insert(between, 0, 0.0))
         gaps = np.diff(self.at)
         self.gap: Floats = 0.5 * np.maximum(np.append(gaps, 0.0), np.insert(gaps, 0, 0.0))

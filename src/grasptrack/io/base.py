@@ -46,7 +46,6 @@ class Frame:
         return f'Frame({self.index}, "{self.name}", {_format_size(self.image.shape)} px{when})'
 
     def _repr_png_(self) -> bytes:
-        """The image, for notebooks."""
         import cv2
 
         return bytes(cv2.imencode(".png", self.image)[1])

@@ -33,10 +33,7 @@ _INVERSE = (
     "distortionmodifiedbrownconrady",
 )
 """RealSense's, which lead from seen px to ideal ones: without coefficients they are as any."""
-_FOREIGN = {
-    r"<u0>": "is one of ViSP",
-    r"ParGroup\b": "is one of HALCON",
-}
+_FOREIGN = {r"<u0>": "is one of ViSP", r"ParGroup\b": "is one of HALCON"}
 """What is told apart by a pattern in its text, and not read."""
 WIDEST, LONGEST = 0.1, 100.0
 """Focal lengths in widths of the image between which a pinhole camera's lies: fields of view of 157 and of 0.6 degrees."""
@@ -161,10 +158,8 @@ def _part_read_out(
     if size is not None:
         size = (wide or size[0]) // by_x, (high or size[1]) // by_y
     rows = [list(row) for row in matrix]
-    for row, offset, binning in (
-        (rows[0], left, by_x),
-        (rows[1], top, by_y),
-    ):  # the border of the first px at -0.5 stays there
+    for row, offset, binning in ((rows[0], left, by_x), (rows[1], top, by_y)):
+        # the border of the first px at -0.5 stays there
         row[:] = [value / binning for value in row]
         row[2] += (0.5 - offset) / binning - 0.5
     return rows, size

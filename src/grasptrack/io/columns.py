@@ -164,10 +164,7 @@ _IN_DEGREES = tuple(column for column in _TOLD if column.unit == "degrees")
 COLUMNS = _TOLD + tuple(each._replace(name=f"{each.name}_deg", take=each.value_of) for each in _IN_DEGREES)
 """In the order of grasps.csv; new ones come at the end."""
 NAMED = {column.name: column for column in COLUMNS}
-SCENE_COLUMNS = (
-    CsvColumn("instance_id", "count", "", "never"),
-    CsvColumn("part_id", "text", "", "never"),
-)
+SCENE_COLUMNS = (CsvColumn("instance_id", "count", "", "never"), CsvColumn("part_id", "text", "", "never"))
 """Of a scene of many after all others, and in JSON."""
 IN_JSON = (
     "frame", "time_s", "status", "reason", "reason_code", "strategy", "grasp_id", "contacts", "covariances", "seen",

@@ -69,7 +69,8 @@ def image_size_in_header(data: bytes) -> tuple[int, int] | None:
         if data.startswith(b"BM"):
             return _bmp_size(data)
         if data[:4] in TIFF:
-            return _tiff_size(data)
+            first = next(tiff_directories(data), None)
+            return None if first is None else first.size
         if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
             return _webp_size(data)
         if data.startswith(b"\xff\x4f\xff\x51") or data[4:8] == b"jP  ":
@@ -121,12 +122,6 @@ def _jpeg_2000_size(data: bytes) -> tuple[int, int] | None:
 def _bmp_size(data: bytes) -> tuple[int, int]:
     head = int.from_bytes(data[14:18], "little")
     return _read_pair("<HH", data, 18) if head == 12 else _read_pair("<ii", data, 18)
-
-
-def _tiff_size(data: bytes) -> tuple[int, int] | None:
-    """The first directory's; of BigTIFF too."""
-    first = next(tiff_directories(data), None)
-    return None if first is None else first.size
 
 
 class TiffDirectory(NamedTuple):

@@ -128,9 +128,8 @@ class VideoSource(Source):
             raise SourceError(f'video "{self._path}" holds no frame that can be read', path=str(self._path))
         if self.exact and self.count is not None and index < self.count:
             self.shortfall = f"it ends early: its header tells of {self.count} frames, {index} could be read"
-        elif (
-            told is not None and last + 2.0 * longest < told
-        ):  # the last frame lasts as long as the longest, and rounding
+        elif told is not None and last + 2.0 * longest < told:
+            # the last frame lasts as long as the longest, and rounding
             self.shortfall = f"it ends early: its header tells of {told:.2f} s, its last frame is at {last:.2f} s"
 
 

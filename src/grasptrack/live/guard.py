@@ -95,9 +95,8 @@ class Door(socket.socket):
                     link.close()
                     continue
                 crowd = Counter(host for host, _ in self._strangers).most_common(1)[0][0]
-                self._send_away(
-                    next(each for each in self._strangers if each[0] == crowd)
-                )  # it is open for a moment still
+                # it is open for a moment still
+                self._send_away(next(each for each in self._strangers if each[0] == crowd))
             key = str(address[0]), int(address[1])
             self._open[key], self._strangers[key] = link, time.monotonic()
             return link, address

@@ -209,7 +209,6 @@ class SessionLoop(ABC):
             self._files.append(name)
 
     def _note(self, text: str) -> tuple[int, str]:
-        """A line for people."""
         return self._shown.notice[0] + 1, " ".join(text.split())
 
     def _set_shown(self, **changed: Any) -> None:

@@ -32,16 +32,6 @@ class OverlayVideo:
         self._writer.close()
 
 
-class _How:
-    """Options that are known with a recording's first image, which is later than its file is made."""
-
-    options: str | None = None
-
-    def told(self) -> str:
-        """Them, for the writer's thread."""
-        return self.options or ""
-
-
 class Recordings:
     """The recordings of a run: recording-001, recording-002 and so on.
 
@@ -54,7 +44,7 @@ class Recordings:
     ) -> None:
         self._folder, self._suffix, self._fps, self._waits, self._ended = folder, suffix, fps, waits, ended
         self._count = 0
-        self._how = _How()
+        self._how: list[str] = []  # options, known with a recording's first image, which is later than its file is made
         self._present: WriterThread | None = None
         self._ending: list[WriterThread] = []
         self.figures: list[dict[str, Any]] = []
@@ -73,19 +63,22 @@ class Recordings:
         """Begin one, unless one is going on."""
         if self._present is not None:
             return
-        self._how = how = _How()
+        self._how = how = list[str]()
         while (path := self._folder / f"recording-{self._count + 1:03d}{self._suffix}").exists():
             self._count += 1  # of an earlier session
         recording: Recording
-        recording = OverlayVideo(path, self._fps) if self._suffix == VIDEO else create_recording(path, options=how.told)
+        if self._suffix == VIDEO:
+            recording = OverlayVideo(path, self._fps)
+        else:
+            recording = create_recording(path, options=lambda: "".join(how))
         self._count += 1
         self._present = WriterThread(recording, waits=self._waits, ended=self._ended)
 
     def add(self, frame: Frame, result: TrackResult, options: Callable[[], str]) -> None:
         """Have one image written, where one is going on; `options` gives what a recording that begins with it keeps."""
         if self._present is not None:
-            if self._how.options is None:
-                self._how.options = options()
+            if not self._how:
+                self._how.append(options())
             self._present.add(frame, result)
 
     def stop(self) -> None:

@@ -114,7 +114,8 @@ class PageServer:
             timeout_notify=1,
         )
         self._server = uvicorn.Server(config)
-        self._thread = threading.Thread(target=self._serve_pages, name="grasptrack-page", daemon=True)
+        sockets: list[socket.socket] = [self._socket]
+        self._thread = threading.Thread(target=self._server.run, args=(sockets,), name="grasptrack-page", daemon=True)
         names = (name,) if name else reached_at(host, self._socket.getsockname()[0])
         shown = (f"[{each}]" if ":" in each else each for each in names)
         self.urls = [f"http://{each}:{self.port}/?token={self.token}" for each in shown]
@@ -134,9 +135,6 @@ class PageServer:
             self._thread.join(5.0)
         self.hub.close()
         self._socket.close()
-
-    def _serve_pages(self) -> None:
-        self._server.run(sockets=[self._socket])
 
 
 class Hub:

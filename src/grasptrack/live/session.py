@@ -43,6 +43,8 @@ CONTACTS = 3
 CORNERS = 200
 """Corners of an outline that is handed to another tracker, about."""
 GOAL = "goal.json"
+CLEARED: dict[str, Any] = dict.fromkeys(("result", "proposal", "verdict", "wire", "hover"))
+"""What is shown of an object, when none is chosen."""
 
 
 class LiveSession(SessionLoop):
@@ -307,14 +309,13 @@ class LiveSession(SessionLoop):
         self._first_meant = self._nothing_meant if self._source.live else again
         self._tracker = None
         self._start_player()
-        self._set_shown(phase="opening", paused=False, result=None, proposal=None, verdict=None, wire=None, hover=None)
+        self._set_shown(phase="opening", paused=False, **CLEARED)
 
     def _choose_again(self) -> None:
         self._tracker, self._question = None, self._question + 1
         if self._source.live and self._shown.phase not in ("ended", "failed"):
             self._inbox.newest_only()
-            cleared: dict[str, Any] = {"result": None, "proposal": None, "verdict": None, "wire": None, "hover": None}
-            self._set_shown(phase="opening", paused=False, meant=self._nothing_meant, **cleared)
+            self._set_shown(phase="opening", paused=False, meant=self._nothing_meant, **CLEARED)
         else:
             self._propose_object(self._shown.image, self._nothing_meant)
 

@@ -115,7 +115,6 @@ class Candidate(NamedTuple):
     shaded: bool = False
 
     def _repr_png_(self) -> bytes:
-        """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
         return png_of(self)
 
     def to_dict(self) -> dict[str, Any]:

@@ -139,13 +139,7 @@ def choice_probabilities(worth: Floats, signs: Signs, numbers: ChoiceNumbers) ->
     """(n,) probability of each proposal to be the object, the likeliest first; what is missing to 1 is that of none."""
     if not len(worth):
         return np.zeros(0)
-    weights = (
-        numbers.rating,
-        numbers.returned,
-        numbers.thin,
-        numbers.cut,
-        numbers.neck,
-    )
+    weights = (numbers.rating, numbers.returned, numbers.thin, numbers.cut, numbers.neck)
     log_odds = numbers.offset + sum(w * t for w, t in zip(weights, signs.terms, strict=True))
     first = logistic(log_odds) * signs.factor
     rest = np.exp(worth[1:] - worth[0])

@@ -46,7 +46,7 @@ from grasptrack.segmentation.work import (
     THRESHOLDED,
     WorkBudget,
 )
-from grasptrack.typing import Box, Floats32, Pixels, Point
+from grasptrack.typing import Floats32, Pixels, Point
 
 MIN_EXTENT = 20
 """px across; a smaller object has no outline worth following."""
@@ -303,7 +303,10 @@ def propose_closed_edges(scene: PreparedImage) -> Iterator[OutlineProposal]:
 def propose_quadrangles(scene: PreparedImage) -> Iterator[OutlineProposal]:
     """Sheets and boxes: quadrangles of straight edges where a person points."""
     said, px = scene.said, scene.edges.shrink
-    at, cost = said.object_at[0] if said.object_at else _box_middle(said.box), QUADRANGLES.of(scene.grey.size / px**2)
+    at, cost = said.object_at[0] if said.object_at else None, QUADRANGLES.of(scene.grey.size / px**2)
+    if at is None and said.box is not None:
+        x, y, width, height = said.box
+        at = x + 0.5 * width, y + 0.5 * height
     if said.masked or at is None or not scene.work.allows(cost):
         return
     scene.work.spend(cost)
@@ -383,10 +386,6 @@ def _adds_ground(part: Silhouette, whole: Silhouette, scene: PreparedImage) -> b
     away = np.linalg.norm(colours - ground, axis=2)
     near_ground = min(HOLE_CONTRAST * contrast, GROUND_ALIKE * max(float(np.median(away[around])), 1.0))
     return float(np.mean(away[more] < near_ground)) > GROUND_SHARE
-
-
-def _box_middle(box: Box | None) -> Point | None:
-    return None if box is None else (box[0] + 0.5 * box[2], box[1] + 0.5 * box[3])
 
 
 def is_alike(one: Silhouette, other: Silhouette) -> bool:

@@ -75,12 +75,8 @@ class Silhouette(NamedTuple):
     def box_window(self, margin: int, size: tuple[int, ...]) -> Window:
         """The box with a margin in px on each side, as far as it lies in an image of (height, width)."""
         x, y, w, h = self.box
-        return (
-            max(x - margin, 0),
-            max(y - margin, 0),
-            min(x + w + margin, size[1]),
-            min(y + h + margin, size[0]),
-        )
+        right, bottom = min(x + w + margin, size[1]), min(y + h + margin, size[0])
+        return max(x - margin, 0), max(y - margin, 0), right, bottom
 
     def filled_window(self, window: Window) -> Grey:
         """(h, w) of a window, 255 within the outer boundary."""

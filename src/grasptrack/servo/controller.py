@@ -290,7 +290,7 @@ class GraspServo:
         if verdict.failure:
             wanted = Intent("failed", verdict.failure)
         self._set_state(wanted.state, " ".join(wanted.reason.split()))
-        self._arm.set_twist(verdict.twist)
+        self._arm.twist = verdict.twist
         pose = self._known.grasp_pose_at(len(self.goal.points), hand, tick.now)
         return wanted.command_with(verdict.twist, None if pose is None else replace(pose, time=float(time)))
 

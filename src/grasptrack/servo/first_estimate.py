@@ -295,7 +295,6 @@ def _costs_of_nearing(found: Signals) -> tuple[float, float]:
 
 
 def _bounded_squares(off: NDArray[np.generic]) -> float:
-    """The sum of squares, each bounded."""
     return float(np.minimum(np.abs(off) ** 2, MAX_SQUARE).sum())
 
 

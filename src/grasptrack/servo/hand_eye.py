@@ -297,7 +297,6 @@ transform:
 
 
 def _yaml_list(values: Floats) -> str:
-    """Numbers as YAML has a list."""
     return f"[{', '.join(repr(float(v)) for v in values)}]"
 
 

@@ -67,13 +67,16 @@ class ArmCheck:
     """Remembers the last second of what was told and what came of it.
 
     A hand that goes much faster than the limits of velocity was somewhere else all the time.
+
+    Attributes:
+        twist: (6,) in the hand's frame, that it is told from now on.
     """
 
     def __init__(self, limits: Limits) -> None:
         self._limits, self._jumped = limits, ""
         self._kept: deque[_ArmSample] = deque()
         self._hand: Floats | None = None
-        self._twist: Floats = np.zeros(6)
+        self.twist: Floats = np.zeros(6)
         self._turned: Floats = np.zeros(3)
         self._told: Floats = np.zeros(12)
 
@@ -90,7 +93,7 @@ class ArmCheck:
                 return
             self._note_jump(hand, self._hand, seconds)
             self._turned = self._turned + TURN_LEVER * rotation_vector(self._hand[:3, :3].T @ hand[:3, :3])
-            v, w = seconds * self._twist[:3], seconds * self._twist[3:]
+            v, w = seconds * self.twist[:3], seconds * self.twist[3:]
             R = self._hand[:3, :3]
             self._told = self._told + np.concatenate([R @ v, TURN_LEVER * w, R.T @ v, v])
         inverse = -hand[:3, :3].T @ hand[:3, 3]
@@ -105,7 +108,7 @@ class ArmCheck:
         way, angle = math.dist(hand[:3, 3], before[:3, 3]), math.hypot(*turn.tolist())
         far, wide = MAX_SPEED_FACTOR * self._limits.linear * seconds, MAX_SPEED_FACTOR * self._limits.angular * seconds
         if way > far + POSE_JOLT or angle > wide + POSE_JOLT / TURN_LEVER:
-            told = math.hypot(*self._twist[:3].tolist()) * seconds
+            told = math.hypot(*self.twist[:3].tolist()) * seconds
             self._jumped = (
                 _not_in_m(way / told)
                 if UNIT_FACTOR * told < way < 30.0 * UNIT_FACTOR * told
@@ -114,10 +117,6 @@ class ArmCheck:
                     f"{seconds:.2g} s: is it always the hand's, in m and in the same frame?"
                 )
             )
-
-    def set_twist(self, twist: Floats) -> None:
-        """The twist (6,) in the hand's frame that it is told from now on."""
-        self._twist = twist
 
     def why_not(self) -> str:
         """What is wrong; empty where nothing is, or too little was told to know."""

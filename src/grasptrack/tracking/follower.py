@@ -146,9 +146,8 @@ class Follower:
         Where it is not alone parts come and go, and one that is lost may not be the one that is found.
         """
         self.rivals.followed, self._alone = others, alone
-        if (
-            not self.state.accepted and not self.state.lost
-        ):  # only now it is known which of its first image are followed
+        if not self.state.accepted and not self.state.lost:
+            # only now it is known which of its first image are followed
             self.rivals.forget_equals()
             self.state.lookalike = self.rivals.shows_equals(self.state.located) and not others
 
@@ -439,13 +438,10 @@ class Follower:
         state, e = self.state, decision.estimate
         if not self.rivals.followed and self.rivals.shows_both(decision):
             state.note_lookalike()
-        roughly = (
-            decision.code in ("uncertain", "apart", "outline-open") and decision.evidence > 0.0
-        )  # what is followed is found, but not every contact
-        if state.lost:  # what is found anew must be the object, wherever its contacts are
-            roughly = (
-                roughly and any_of(1.0 - decision.presence, decision.exchanged, decision.alias) < state.numbers.risk
-            )
+        # what is followed is found, but not every contact
+        roughly = decision.code in ("uncertain", "apart", "outline-open") and decision.evidence > 0.0
+        if roughly and state.lost:  # what is found anew must be the object, wherever its contacts are
+            roughly = any_of(1.0 - decision.presence, decision.exchanged, decision.alias) < state.numbers.risk
         if e is not None and (decision.is_accepted or roughly):
             learn(state, levels, decision, e, predictions)
         else:

@@ -82,9 +82,8 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     Q = target.noise_of_motion * max(1.0, state.steps)
     free = state.P + Q
     rest = [Hypothesis("at rest", state.last.G, free)]
-    if (
-        state.lost
-    ):  # what was found since was not believed, and what moves before the background may have carried it along
+    if state.lost:
+        # what was found since was not believed, and what moves before the background may have carried it along
         rest.append(Hypothesis("at rest", state.located.G, free))
         if (coasted := state.coasted()) is not None:
             rest.append(Hypothesis("moving on", coasted, free))

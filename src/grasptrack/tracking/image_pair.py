@@ -39,7 +39,7 @@ from grasptrack.tracking.single import (
     told_apart,
     turned_hypotheses,
 )
-from grasptrack.tracking.strategies import Carried, Silhouettes, Snakes
+from grasptrack.tracking.strategies import Carried, make_extractor
 from grasptrack.tracking.target import build_pyramid
 from grasptrack.transfer import strategy_names
 from grasptrack.typing import Floats
@@ -384,8 +384,7 @@ class _Scene:
             View([_shift_contour(c, corner) for c in self._asked.view.contours]),
         )
         prior = normalize_homography(H @ np.linalg.inv(back))
-        extractor = Snakes(grasp, view, piece) if name == "rrp" else Silhouettes(name, grasp, view)
-        carried = extractor.carry(self._second, current, prior)
+        carried = make_extractor(name, grasp, view, piece).carry(self._second, current, prior)
         return carried._replace(homography=normalize_homography(carried.homography @ back))
 
     def _crop_first_image(self) -> tuple[Floats, Grey]:

@@ -117,7 +117,6 @@ class TrackResult:
         return to_dict(self)
 
     def _repr_png_(self) -> bytes:
-        """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
         from grasptrack.presentation import png_of
 
         return png_of(self)

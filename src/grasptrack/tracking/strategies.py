@@ -71,7 +71,7 @@ def carrier_for(
     Raises:
         TransferError: the strategy cannot describe the grasp on this outline.
     """
-    extractor = None if strategy == AUTO else _make_extractor(strategy, grasp, view, grey)
+    extractor = None if strategy == AUTO else make_extractor(strategy, grasp, view, grey)
     follower = Follower(grey, view, grasp.contacts, time, observer, numbers, before)
     if extractor is None:
         return Registration(follower)
@@ -173,7 +173,8 @@ class Snakes:
         return Carried(rrp.apply(self._description, followed).grasp.contacts, fit.homography, followed)
 
 
-def _make_extractor(strategy: str, grasp: Grasp, view: View, grey: Grey) -> Extractor:
+def make_extractor(strategy: str, grasp: Grasp, view: View, grey: Grey) -> Extractor:
+    """What carries a grasp by one of the paper's strategies from the outline in an image to others."""
     return Snakes(grasp, view, grey) if strategy == "rrp" else Silhouettes(strategy, grasp, view)
 
 

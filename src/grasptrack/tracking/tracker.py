@@ -37,11 +37,11 @@ from grasptrack.tracking.answer import (
     needs_another,
 )
 from grasptrack.tracking.camera import Beforehand, rectifying_view
-from grasptrack.tracking.follower import AUTO, Follower, Moved
+from grasptrack.tracking.follower import AUTO, Moved
 from grasptrack.tracking.initialization import FirstScene, Wish, first_view, image_size, mask_as_scene, start_tracking
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
-from grasptrack.tracking.plane import Ruler, make_ruler
+from grasptrack.tracking.plane import make_ruler
 from grasptrack.tracking.result import LocatedResult, TrackResult, UnlocatedResult
 from grasptrack.transfer import STRATEGIES, strategy_names
 from grasptrack.typing import StrategyName
@@ -320,7 +320,9 @@ class GraspTracker:
         self._grasps += 1
         grasp, follower = start.grasp, start.carrier.follower
         closure = make_closure_check(grasp, candidate.view, self.friction)
-        self._track = track = Track(self._grasps, closure, start.carrier, follower, self._make_distance_ruler(follower))
+        plane = follower.state.plane
+        ruler = None if self.length is None else make_ruler(follower.target, plane, self.length)
+        self._track = track = Track(self._grasps, closure, start.carrier, follower, ruler)
         return first_result(moment, track, grasp, candidate.view)
 
     def _request_another_grasp(self, view: View, plane: Beforehand) -> None:
@@ -330,10 +332,6 @@ class GraspTracker:
         self._wish = self._wish.for_another(
             view, partial(rectifying_view, plane.theta, width=width, height=height, aspect=plane.aspect or 1.0)
         )
-
-    def _make_distance_ruler(self, follower: Follower) -> Ruler | None:
-        """What tells how far the object is, where its length was told."""
-        return None if self.length is None else make_ruler(follower.target, follower.state.plane, self.length)
 
     def _analyzed_result(self, moment: Moment, track: Track, moved: Moved) -> TrackResult:
         """Analysis of what is believed."""

@@ -158,7 +158,6 @@ def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, tit
 
 
 def _marks_shown(found: Suitability, times: float) -> dict[str, str | bool]:
-    """What the legend says."""
     edges, large = found.edges, "" if times == 1.0 else f", drawn {times:g} ×"
     errors = f"95 % of the errors{', not fixed' if found.by == 'nothing' else large}"
     return {

@@ -116,18 +116,13 @@ def write_summary(path: Path, rows: Path, strip: Filmstrip, summary: RunSummary,
     figure = create_figure(12.6, tall + 5.0, layout=layout, facecolor="white")
     parts: Any = figure.subfigures(2, 1, height_ratios=[tall, 5.0])
     top, bottom = parts
-    top.suptitle(
-        f"{title}: {_summary_headline(summary)}", x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold"
-    )
+    counts = ", ".join(f"{summary.counts[s]} {s}" for s in _ORDER if summary.counts.get(s))
+    headline = f"{title}: {summary.frames} frame{'s' * (summary.frames != 1)}, {counts}"
+    top.suptitle(headline, x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold")
     if pictures:
         _show_pictures(top, pictures, down, across)
     _show_curves(bottom, curves, summary)
     save_whole(figure, path, 110)
-
-
-def _summary_headline(summary: RunSummary) -> str:
-    parts = [f"{summary.counts[s]} {s}" for s in _ORDER if summary.counts.get(s)]
-    return f"{summary.frames} frame{'s' * (summary.frames != 1)}, " + ", ".join(parts)
 
 
 def _show_pictures(figure: Any, pictures: list[tuple[int, Picture]], down: int, across: int) -> None:
