@@ -319,7 +319,6 @@ def sequence_of(case: RealCase) -> Iterator[tuple[MethodStart, Iterator[MethodFr
 
 
 def _make_start(case: RealCase, first: Frame, truths: Truths) -> MethodStart:
-    """What all methods are told."""
     height, width = first.image.shape[:2]
     size = width, height
     pixel = None if case.known is None or case.given == "nothing" else case.known.object_at

@@ -292,7 +292,6 @@ def case_file(folder: Path, name: str) -> Path:
 
 
 def _remove_old_cases(folder: Path) -> None:
-    """Remove the cases of an earlier run."""
     for path in [*(folder / CASES).glob("*.csv"), *(folder / CASES).glob("*.part")]:
         try:
             with contextlib.suppress(FileNotFoundError):

@@ -13,11 +13,11 @@ from grasptrack.geometry.contours import View
 from grasptrack.io.results import software_versions
 from grasptrack.typing import Floats
 from grasptrack_bench.baselines.paper import Seen
-from grasptrack_bench.report.table import Cell, to_csv
+from grasptrack_bench.report.table import Cell, to_csv, write_rows
 from research.archive import score
 from research.paper import printed
 from research.paper.correspondences import Correspondences
-from research.paper.folder import FRAME_HEAD, contacts_or_reason, frame_rows, write_rows
+from research.paper.folder import FRAME_HEAD, contacts_or_reason, frame_rows
 from research.paper.footage import FRAMES, MOTIONS
 from research.paper.objects import ObjectRuns, run_objects, tables_of_objects
 from research.paper.run import LEAST_FRAMES

@@ -15,6 +15,7 @@ from grasptrack.cli import help_groups, options
 from grasptrack.cli.help_groups import option
 from grasptrack.cli.main import run_app
 from grasptrack.cli.terminal import with_progress
+from grasptrack_bench import verbs
 
 if TYPE_CHECKING:
     from grasptrack.typing import Progress
@@ -40,7 +41,7 @@ def paper(
     seeds: Annotated[
         int | None, option(help_groups.SCENE, "N", "Number of seeds of every shape.", min=1, show_default="10")
     ] = None,
-    seed: options.Seed = 0,
+    seed: verbs.Seed = 0,
     quick: Annotated[
         bool,
         option(
@@ -49,8 +50,8 @@ def paper(
     ] = False,
     output: options.Output = options.OUTPUT_FOLDER / "evaluate-paper",
     quiet: options.Quiet = False,
-    workers: options.Workers = None,
-    scheduler: options.Scheduler = None,
+    workers: verbs.Workers = None,
+    scheduler: verbs.Scheduler = None,
 ) -> None:
     """Recompute Tables I to VII of the paper in the paper's form, next to the printed values where there are any.
 

@@ -137,18 +137,13 @@ def _match_samples(
     kappa = arc2.item(-1) / length
     ways = alignments_of_points(outline.points, description.arc, current.points, arc2, current.area)
     shift = choose_alignment(ways, description.view, second).shift * length
+    spacing = homography.NEIGHBOURHOOD * length / homography.RADIUS
     matched = kernels.match_curvature(
         CurvatureVector(description.arc, description.curvature),
         selected,
         CurvatureVector(arc2, v2),
         [kappa * (description.arc.item(i) + shift) for i in selected],
-        MatchWindow(
-            kappa,
-            homography.SEARCH * length,
-            homography.RADIUS,
-            homography.NEIGHBOURHOOD * length / homography.RADIUS,
-            homography.MAX_ERROR,
-        ),
+        MatchWindow(kappa, homography.SEARCH * length, homography.RADIUS, spacing, homography.MAX_ERROR),
     )
     return selected, matched, v2
 

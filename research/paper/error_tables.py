@@ -184,7 +184,6 @@ def _printed_row(grasp: str, error: str, values: Sequence[float], opening: float
 
 
 def _refusal_notes(courses: Sequence[Course], total: int) -> list[str]:
-    """What was refused, and why."""
     notes = []
     for c in courses:
         if c.reasons:

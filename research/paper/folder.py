@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from grasptrack.errors import InputError
 from grasptrack.io.results import software_versions
 from grasptrack.typing import Floats
 from grasptrack.view.drawing import png_bytes
-from grasptrack_bench.report.table import Cell, to_csv, to_json, to_markdown, to_text
+from grasptrack_bench.report.table import Cell, to_csv, to_json, to_markdown, to_text, write_rows
 from grasptrack_bench.run_folder import describe_machine
 from research.paper.page import paper_report
 from research.paper.run import PaperRun
@@ -85,14 +84,6 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
     ]
     pictures = (*(picture for _, picture in run.figures), *run.pictures)
     return paper_report(folder, shown, run.courses, pictures, lead=LEAD, facts=facts)
-
-
-def write_rows(path: Path, head: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
-    """Write a CSV file, numbers in full, empty for None."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(head)
-        writer.writerows(["" if c is None else c for c in row] for row in rows)
 
 
 def frame_rows(courses: Iterable[Course]) -> Iterable[list[Cell]]:

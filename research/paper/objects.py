@@ -122,7 +122,6 @@ def _all_footage(
 
 
 def _tables_six(returns: Sequence[Return]) -> Iterator[Table]:
-    """One table VI for each motion."""
     for number, motion in enumerate(MOTIONS, start=1):
         yield table_six(number, [r for r in returns if r.footage.motion == motion])
 

@@ -163,7 +163,6 @@ def _texture_of(scene: Scene, own: Scene) -> Floats:
 
 
 def _hidden(image: Pixels, event: str, rng: np.random.Generator) -> Pixels:
-    """An image of an event."""
     if event == "blur":
         length, angle = int(rng.integers(20, 61)), rng.uniform(0.0, math.pi)
         kernel, middle = np.zeros((length, length), np.float32), (length - 1) / 2.0

@@ -37,15 +37,18 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
         part.write_text(text + "\n", encoding="utf-8")
 
 
-def write_text(file: Path, text: str, kind: str) -> None:
-    """Write a file of some kind, "calibration". The file is complete at any moment or absent.
+def write_file(file: Path, content: str | bytes, kind: str) -> None:
+    """Write text or bytes to a file of some kind, "calibration". The file is complete at any moment or absent.
 
     Raises:
         InputError: it cannot be written.
     """
     try:
         with whole_file(file) as part:
-            part.write_text(text, encoding="utf-8")
+            if isinstance(content, bytes):
+                part.write_bytes(content)
+            else:
+                part.write_text(content, encoding="utf-8")
     except (OSError, ValueError) as error:  # the name may be none
         why = getattr(error, "strerror", None) or error
         raise InputError(f'{kind} "{file}" cannot be written: {why}', path=str(file)) from None

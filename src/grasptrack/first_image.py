@@ -160,7 +160,7 @@ class FirstImage:
         def moved(points: tuple[Point, ...]) -> tuple[Point, ...]:
             return _parsed_points(lens.straight_points(np.array(points)), "a pixel") if points else ()
 
-        width, height = lens.size
+        background = None if self.background is None else _resized_background(self.background, *lens.size)
         return replace(
             self,
             object_at=moved(self.object_at),
@@ -169,7 +169,7 @@ class FirstImage:
             outline=None if self.outline is None else lens.straight_points(self.outline),
             grasp=None if self.grasp is None else Grasp(lens.straight_points(self.grasp.contacts)),
             ignore=lens.ignored_pixels(self.ignore),
-            background=None if self.background is None else lens.straight_image(_sized(self.background, width, height)),
+            background=None if background is None else lens.straight_image(background),
             more=()
             if isinstance(self.more, tuple) and not self.more
             else (lens.straight_image(image) for image in self.more),
@@ -223,7 +223,7 @@ class FirstImage:
                 raise InputError(f"the outline reaches far {whose}")
         if self.ignore is not None:
             hidden = with_room(to_mask(self.ignore, (height, width), "ignore mask"))
-        background = None if self.background is None else _sized(self.background, width, height)
+        background = None if self.background is None else _resized_background(self.background, width, height)
         return replace(self, box=box, ignore=None, hidden=hidden, background=background)
 
 
@@ -265,7 +265,7 @@ def _parsed_polygon(given: ArrayLike) -> Floats:
     return points
 
 
-def _sized(background: NDArray[Any], width: int, height: int) -> NDArray[np.uint8]:
+def _resized_background(background: NDArray[Any], width: int, height: int) -> NDArray[np.uint8]:
     """The background as grey or BGR, of the image's size."""
     empty = to_bgr(background)
     if empty.shape[:2] != (height, width):

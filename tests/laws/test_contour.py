@@ -80,9 +80,8 @@ def test_points_that_repeat_the_one_before_are_merged(points: np.ndarray, times:
     plain, contour = Contour(points), Contour(closed, strength=marks, clipped=cut)
     np.testing.assert_array_equal(contour.points, plain.points)
     assert contour.strength is not None and contour.strength[0] == 0.0
-    assert (
-        contour.clipped is not None and contour.clipped.sum() == 1
-    )  # a clipped point stays clipped, whatever it is merged with
+    # a clipped point stays clipped, whatever it is merged with
+    assert contour.clipped is not None and contour.clipped.sum() == 1
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(4, 30), st.sampled_from([3, 6, 1000]))

@@ -57,9 +57,8 @@ def test_what_is_no_edge():
     image, p, n = step(0.0, 0.0, 1.0, 120.0)
     normals = n[None]
     assert np.isnan(kernels.search_along_normals(np.full_like(image, 9), p[None], normals, 6.0, 0)[0, 0])
-    assert np.isnan(
-        kernels.search_along_normals(image, p[None] + 3.0 * n, normals, 3.0, 1)[0, 0]
-    )  # its peak is at the end
+    # its peak is at the end
+    assert np.isnan(kernels.search_along_normals(image, p[None] + 3.0 * n, normals, 3.0, 1)[0, 0])
     assert np.isnan(kernels.search_along_normals(image, np.array([[-3.0, 5.0]]), normals, 4.0, 0)[0, 0])  # outside
     np.testing.assert_array_equal(
         kernels.search_along_normals(image, np.array([[-30.0, 5.0]]), normals, 4.0, 0), [[np.nan, 0, np.nan, np.nan]]

@@ -143,9 +143,8 @@ def test_dirt_on_the_lens_is_not_of_the_object(seed: int) -> None:
     G = np.array([[1.0, 0.0, 8.0], [0.0, 1.0, -7.0], [0.0, 0.0, 1.0]]) @ A
     found = made.solve(**question(photographed(G), G, P=known(1.0, 0.5), last=A))
     assert found.valid and np.abs(carried(found.G, CONTACTS) - carried(G, CONTACTS)).max() < 0.25
-    dirty = (
-        np.array(made.solve(**question(photographed(A))).correlation[0]) > 0.9
-    )  # coarser patches hold the outline too
+    # coarser patches hold the outline too
+    dirty = np.array(made.solve(**question(photographed(A))).correlation[0]) > 0.9
     surface = np.array(found.correlation[0])[dirty]
     assert np.isnan(surface).any() and not (surface < 0.5).any()
 

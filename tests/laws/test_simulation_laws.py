@@ -141,9 +141,8 @@ def test_a_shadow_multiplies_what_it_falls_on() -> None:
     assert np.abs(scene[9].image - lit * light).max() <= 1.0
     assert light.min() == pytest.approx(0.6, abs=0.01) and light.max() <= 1.0
     assert (scene[2].image == lit).all() and (scene[17].image == lit).all()
-    assert (
-        np.abs(np.diff(light, axis=1)).max() < 0.4 / (9.0 * math.sqrt(2 * math.pi)) * 1.2
-    )  # its edge is as soft as asked
+    # its edge is as soft as asked
+    assert np.abs(np.diff(light, axis=1)).max() < 0.4 / (9.0 * math.sqrt(2 * math.pi)) * 1.2
     seen = [1.0 - shadow.light(i, WIDTH, HEIGHT).mean() for i in range(3, 17)]  # type: ignore[union-attr]
     assert max(seen) > 0.05 and seen[0] < 0.005 and seen[-1] < 0.005  # it comes from outside and goes there
 

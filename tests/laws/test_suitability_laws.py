@@ -327,10 +327,8 @@ def test_of_what_is_nearly_round_the_ground_tells_the_turn() -> None:
     grain = cv2.GaussianBlur(np.random.default_rng(3).standard_normal(image.shape), (0, 0), 2.0)
     beside = cv2.dilate((np.abs(image - image[0, 0]) > 20.0).astype(np.uint8), np.ones((13, 13))) == 0
     image = np.clip(image + 20.0 * grain / grain.std() * beside, 0, 255).astype(np.uint8)
-    for strategy in (
-        "auto",
-        "homography",
-    ):  # with the last image as prior that carries the contacts, and the core judges
+    for strategy in ("auto", "homography"):
+        # with the last image as prior that carries the contacts, and the core judges
         seen = inspect(image, strategy=strategy)
         assert seen.by == "ground" and "only the ground fixes it: on a belt it will be lost" in seen.verdict
 

@@ -202,9 +202,8 @@ def test_every_command_is_known(command: str) -> None:
             command_of(verb).make_context(verb, filled)
     elif words[:3] == ["python", "-m", "research.paper"]:
         typer.main.get_command(paper).make_context("paper", words[3:])
-    elif study := re.match(
-        r"python -m research\.studies\.(\w+)", " ".join(words)
-    ):  # tests/slow/test_studies.py runs each
+    elif study := re.match(r"python -m research\.studies\.(\w+)", " ".join(words)):
+        # tests/slow/test_studies.py runs each
         files = [ROOT / "research" / "studies" / f"{name}.py" for name in (study[1], "common")]
         shown = "".join(file.read_text(encoding="utf-8") for file in files)
         options = {w for w in words if w.startswith("--")}

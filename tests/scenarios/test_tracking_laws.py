@@ -82,9 +82,8 @@ def test_an_object_that_shows_its_sides_is_told_not_to_be_flat(kind: str, told: 
     results = [tracker.update(frame.image) for frame in frames]
     oblique = [result.tilt for result in results if result.notice == "not-flat"]
     assert bool(oblique) == told
-    assert all(
-        0.12 * math.sin(tilt) > 0.04 for tilt in oblique
-    )  # of a part 11 % as thick as large: from the front it holds
+    # of a part 11 % as thick as large: from the front it holds
+    assert all(0.12 * math.sin(tilt) > 0.04 for tilt in oblique)
 
 
 @pytest.mark.slow

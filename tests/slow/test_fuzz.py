@@ -92,9 +92,8 @@ def test_whatever_strikes_files_can_be_read_and_what_goes_on_ends_alike(tmp_path
         pytest.importorskip("mujoco", reason="the physical world needs MuJoCo")
     harness, draw = Harness(tmp_path, (verb,)), random.Random(verb)
     seen: list[str] = []
-    while (
-        not ({"interrupted", "killed"} <= set(seen) and harness.told) and len(seen) < 30
-    ):  # on a busy machine moments are hard to hit
+    while not ({"interrupted", "killed"} <= set(seen) and harness.told) and len(seen) < 30:
+        # on a busy machine moments are hard to hit
         seen += [harness.interrupt(verb, how, draw.uniform(0.2, 0.9)) for how in SIGNALS]
     seen.append(harness.interrupt(verb, signal.SIGKILL, 60.0))  # it ends before that
     assert not [outcome for outcome in seen if outcome.startswith("bad")], seen

@@ -79,9 +79,8 @@ class Looking:
         self._wait = 0
         self.again = 0
         self.looked = False
-        self._object_sure = (
-            tracker.object_sure
-        )  # looked for anew it is the same part, no surer to be the one that is meant
+        # looked for anew it is the same part, no surer to be the one that is meant
+        self._object_sure = tracker.object_sure
 
     def update(self, image: NDArray[Any], time: float, *, look: bool = True) -> TrackResult:
         """What is seen now."""

@@ -120,7 +120,6 @@ def _fit_warp(template: Grey, image: Grey, warp: Floats, mask: Grey) -> tuple[Fl
 
 
 def _downscale_image(image: Grey, scale: float) -> Grey:
-    """The image, smaller."""
     return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 

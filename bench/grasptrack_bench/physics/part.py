@@ -47,7 +47,6 @@ def convex_pieces(polygons: Sequence[Floats]) -> list[Floats]:
 
 
 def _twice_area(polygon: Floats) -> float:
-    """Twice the signed area."""
     (x, y), (xn, yn) = polygon.T, np.roll(polygon, -1, axis=0).T
     return float((x * yn - xn * y).sum())
 

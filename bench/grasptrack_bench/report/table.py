@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,11 +73,16 @@ def to_markdown(table: Table) -> str:
 
 
 def to_csv(table: Table, path: Path) -> None:
-    """Write head and rows, numbers in full, empty for None; the notes are not written."""
+    """Write head and rows as `write_rows` does; the notes are not written."""
+    write_rows(path, table.head, table.rows)
+
+
+def write_rows(path: Path, head: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
+    """Write a CSV file, numbers in full, empty for None."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(table.head)
-        writer.writerows(["" if c is None else c for c in row] for row in table.rows)
+        writer.writerow(head)
+        writer.writerows(["" if c is None else c for c in row] for row in rows)
 
 
 def to_json(table: Table) -> dict[str, object]:

@@ -105,9 +105,8 @@ def part_of_photo(image: Pixels, mask: ArrayLike, name: str = "photo") -> tuple[
 def carried_outward(image: Pixels, mask: NDArray[np.bool_]) -> Pixels:
     """The image with what is outside the mask, and its rim, replaced by the nearest colours well inside it."""
     depth = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-    ridge = (depth > 0.0) & (
-        depth >= cv2.dilate(depth, np.ones((3, 3), np.uint8)) - 1e-3
-    )  # thin parts keep their middle
+    # thin parts keep their middle
+    ridge = (depth > 0.0) & (depth >= cv2.dilate(depth, np.ones((3, 3), np.uint8)) - 1e-3)
     sure = (depth > RIM) | ridge
     _, labels = cv2.distanceTransformWithLabels(
         (~sure).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL

@@ -298,7 +298,6 @@ LONGEST_HIDDEN = 0.3
 
 
 def _outline_length(shape: Shape) -> float:
-    """Length of all its polygons together."""
     return float(sum(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum() for p in shape.polygons))
 
 

@@ -35,11 +35,9 @@ class Path:
     azimuth: Floats
 
     def __len__(self) -> int:
-        """Frames."""
         return len(self.distance)
 
     def __getitem__(self, frames: slice) -> Path:
-        """The path of some of the frames."""
         return Path(*(getattr(self, field.name)[frames] for field in fields(self)))
 
     def pose(self, index: int) -> Path:
@@ -154,13 +152,7 @@ def tilting_path(
     rng = np.random.default_rng((seed, 1))
     lean_x, lean_y = _random_smooth_curve(rng, frames, cycles), _random_smooth_curve(rng, frames, cycles)
     lean = np.hypot(lean_x, lean_y)
-    return Path(
-        target=plain.target,
-        distance=plain.distance,
-        roll=plain.roll,
-        tilt=tilt * lean / max(1e-9, float(lean.max())),
-        azimuth=np.arctan2(lean_y, lean_x),
-    )
+    return replace(plain, tilt=tilt * lean / max(1e-9, float(lean.max())), azimuth=np.arctan2(lean_y, lean_x))
 
 
 MOST_MOVED = np.array([0.8, 0.8, 0.4, 0.8, 0.4, 0.4])

@@ -137,11 +137,9 @@ class Scene:
         )
 
     def __len__(self) -> int:
-        """Frames."""
         return self.count
 
     def __iter__(self) -> Iterator[SceneFrame]:
-        """All frames in order."""
         return (self[i] for i in range(self.count))
 
     def homography(self, index: int) -> Floats:
@@ -176,7 +174,6 @@ class Scene:
         return next((g for g in self.guests if g.start <= index < g.end), None)
 
     def __getitem__(self, index: int) -> SceneFrame:
-        """One frame, the same whenever it is asked for."""
         if not 0 <= index < self.count:
             raise IndexError(f"frame {index} of {self.count}")
         frame = self._taken(index)

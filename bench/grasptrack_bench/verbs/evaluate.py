@@ -15,6 +15,7 @@ from grasptrack.cli import help_groups, options
 from grasptrack.cli.help_groups import option
 from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
+from grasptrack_bench import verbs
 
 if TYPE_CHECKING:
     from grasptrack.typing import Progress
@@ -36,8 +37,8 @@ class SuiteOptions:
     ] = False
     quiet: options.Quiet = False
     risk: options.Risk = 1e-3
-    workers: options.Workers = None
-    scheduler: options.Scheduler = None
+    workers: verbs.Workers = None
+    scheduler: verbs.Scheduler = None
 
     def with_own(self, **own: Any) -> dict[str, Any]:
         """What decides the results, with what a suite asks beside."""
@@ -69,7 +70,7 @@ def scenes(
             help_groups.SCENE, "A,B", "Built-in outlines, by name.", show_default="all, unless other parts are given"
         ),
     ] = None,
-    silhouettes: options.Silhouettes = None,
+    silhouettes: verbs.Silhouettes = None,
     photos: Annotated[str | None, option(help_groups.SCENE, "DIR", "Parts from photos, with --masks.")] = None,
     masks: Annotated[str | None, option(help_groups.SCENE, "DIR", "Masks of the photos, matched by name.")] = None,
     disturbances: Annotated[
@@ -79,7 +80,7 @@ def scenes(
     repeats: Annotated[
         int, option(help_groups.SCENE, "N", "Number of scenes for each part and disturbance.", min=1)
     ] = 1,
-    seed: options.Seed = 0,
+    seed: verbs.Seed = 0,
     output: options.Output = options.OUTPUT_FOLDER / "evaluate-scenes",
     *,
     suite: SuiteOptions,
@@ -212,7 +213,6 @@ def _run_videos(output: Path, cases: Any, asked: dict[str, Any], suite: SuiteOpt
 
 
 def _run_suite(output: Path, work: Any, asked: dict[str, Any], suite: SuiteOptions) -> None:
-    """Score, report, tell."""
     from grasptrack_bench.report.run import PAGE, write_report
     from grasptrack_bench.report.tables import closing_table
     from grasptrack_bench.run_folder import fill_run_folder

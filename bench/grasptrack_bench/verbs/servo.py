@@ -10,6 +10,7 @@ from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.help_groups import option
 from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
+from grasptrack_bench import verbs
 
 if TYPE_CHECKING:
     from grasptrack_bench.approach.case import Row
@@ -22,7 +23,7 @@ def servo(
     ] = 2,
     sure: first_image.Sure = 0.0,
     shape: Annotated[str | None, option(help_groups.SCENE, "NAME", "Built-in outline.", show_default="random")] = None,
-    silhouettes: options.Silhouettes = None,
+    silhouettes: verbs.Silhouettes = None,
     scenario: Annotated[
         str, option(help_groups.SCENE, "NAME", "Scenario: static, pushed, belt, blackout or pulled.")
     ] = "static",
@@ -42,15 +43,15 @@ def servo(
             show_default="one approach, which is filmed",
         ),
     ] = None,
-    seed: options.Seed = 3,
+    seed: verbs.Seed = 3,
     arm: Annotated[str, option(help_groups.ROBOT, "NAME", "Robot: gantry (4 DoF) or arm (6 DoF).")] = "gantry",
     law: Annotated[str, option(help_groups.ROBOT, "NAME", "Control law: online, nominal or textbook.")] = "online",
     output: options.Output = options.OUTPUT_FOLDER / "servo",
     no_video: Annotated[bool, option(help_groups.OUTPUT, None, "Do not write approach.mp4.", "--no-video")] = False,
     quiet: options.Quiet = False,
     risk: options.Risk = 1e-3,
-    workers: options.Workers = None,
-    scheduler: options.Scheduler = None,
+    workers: verbs.Workers = None,
+    scheduler: verbs.Scheduler = None,
 ) -> None:
     """Look, choose a grasp, approach, close and lift, in a physics simulation (MuJoCo) with an uncalibrated camera.
 

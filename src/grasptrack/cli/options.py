@@ -15,8 +15,6 @@ from grasptrack.cli.help_groups import (
     LIMITS,
     OBJECT,
     OUTPUT,
-    PROCESSES,
-    SCENE,
     SOURCE,
     open_until_end,
     option,
@@ -74,8 +72,6 @@ Friction = Annotated[
     float, option(GRASP, "MU", "Coulomb friction coefficient between finger and object.", callback=_positive_friction)
 ]
 TwoOrThree = Annotated[int, option(GRASP, "N", "Number of fingers, 2 or 3.", callback=_two_or_three)]
-Silhouettes = Annotated[str | None, option(SCENE, "DIR", "Parts from silhouette images, black outside the part.")]
-Seed = Annotated[int, option(SCENE, "N", "Seed of all that is random.", min=0)]
 OUTPUT_FOLDER = Path("grasptrack-out")
 """A verb that writes does so in the folder of its name within this one, unless it is told another."""
 Output = Annotated[Path, option(OUTPUT, "DIR", "Folder for the results; existing results are replaced.")]
@@ -93,8 +89,6 @@ Quiet = Annotated[bool, option(OUTPUT, None, "Print nothing but errors.", "--qui
 Risk = Annotated[
     float, option(LIMITS, "P", "Accepted probability of a wrong answer, between 0 and 1.", callback=_risk_rate)
 ]
-Workers = Annotated[int | None, option(PROCESSES, "N", "Number of processes.", show_default="one per core")]
-Scheduler = Annotated[str | None, option(PROCESSES, "ADDRESS", "Address of a Dask scheduler.")]
 MaxMegapixels = Annotated[
     float | None,
     option(

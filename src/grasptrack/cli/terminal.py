@@ -30,7 +30,7 @@ _held: list[str] = []
 _final: list[int] = []  # the status, once all is done
 
 
-def _endings() -> list[signal.Signals]:
+def _ending_signals() -> list[signal.Signals]:
     """Signals that end a run in good order: Ctrl-C, SIGTERM, and a terminal that is closed, unless nohup has that ignored."""
     known = (signal.Signals[name] for name in ("SIGINT", "SIGTERM", "SIGHUP") if name in signal.Signals.__members__)
     return [n for n in known if n.name != "SIGHUP" or signal.getsignal(n) != signal.SIG_IGN]
@@ -62,7 +62,7 @@ def signals_as_interrupts() -> Iterator[Struck]:
     if threading.current_thread() is not threading.main_thread():
         yield struck
         return
-    before = {number: signal.signal(number, raise_interrupt) for number in _endings()}
+    before = {number: signal.signal(number, raise_interrupt) for number in _ending_signals()}
     try:
         yield struck
     finally:
@@ -75,10 +75,10 @@ def end_process(status: int) -> None:
     if status == INTERRUPTED:  # Python's teardown fails on what a signal left half imported
         _leave(status)
     if threading.current_thread() is threading.main_thread():
-        for number in _endings():
+        for number in _ending_signals():
             signal.signal(number, lambda *_: os._exit(status))
         # Last of all Python takes handlers of its own away, and a signal would kill: one that is ignored stays so.
-        atexit.register(lambda: [signal.signal(n, signal.SIG_IGN) for n in _endings()])
+        atexit.register(lambda: [signal.signal(n, signal.SIG_IGN) for n in _ending_signals()])
         _final.append(status)
 
 
@@ -105,7 +105,7 @@ def tell_line(text: str) -> None:
     print(one_line(text), flush=True)
 
 
-def _console() -> Any:
+def _table_console() -> Any:
     """Where tables are printed; whatever their cells hold, each is a line that fits."""
     from rich.console import Console
 
@@ -175,7 +175,7 @@ class Interruption:
     def __enter__(self) -> Interruption:
         """Take over the signals, where Python lets us: in the main thread."""
         if threading.current_thread() is threading.main_thread():
-            self._before = {s: signal.signal(s, self._on_signal) for s in _endings()}
+            self._before = {s: signal.signal(s, self._on_signal) for s in _ending_signals()}
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -209,7 +209,7 @@ class ProgressBar:
                 speed = task.finished_speed or task.speed
                 return Text("" if speed is None else f"{speed:.0f} frames/s", style="cyan")
 
-        console = _console()
+        console = _table_console()
         self._shown = console.is_terminal and not quiet
         self._progress = RichProgress(
             TextColumn("{task.description}"),
@@ -273,7 +273,7 @@ def show_run(summary: RunSummary, output: Path, notes: Iterable[str] = ()) -> No
         latency = f"median {summary.latency_median_ms:.2f} ms, 99th percentile {summary.latency_p99_ms:.2f} ms"
         table.add_row("latency", "", latency)
     table.add_row("speed", "", f"{summary.frames_per_s:.0f} frames/s with reading, drawing and writing")
-    console = _console()
+    console = _table_console()
     console.print(table)
     for note in notes:
         console.print(f"  {escape(note)}", soft_wrap=True)
@@ -296,7 +296,7 @@ def show_rows(
     """
     from rich.markup import escape
 
-    console = _console()
+    console = _table_console()
     table = _result_table(title, heads, rows)
     wide = console.options.update_width(10_000)
     if not console.is_terminal:

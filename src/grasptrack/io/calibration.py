@@ -150,9 +150,9 @@ def _part_read_out(
     roi = known.get("roi")
     roi = roi if isinstance(roi, dict) else {}
     left, top, wide, high = (
-        _count(roi.get(name, 0), f"roi.{name}") for name in ("x_offset", "y_offset", "width", "height")
+        _pixel_count(roi.get(name, 0), f"roi.{name}") for name in ("x_offset", "y_offset", "width", "height")
     )
-    by_x, by_y = (max(1, _count(known.get(name, 1), name)) for name in ("binningx", "binningy"))
+    by_x, by_y = (max(1, _pixel_count(known.get(name, 1), name)) for name in ("binningx", "binningy"))
     if (left, top, wide, high, by_x, by_y) == (0, 0, 0, 0, 1, 1):
         return matrix, size
     if size is not None:
@@ -165,7 +165,7 @@ def _part_read_out(
     return rows, size
 
 
-def _count(value: Any, name: str) -> int:
+def _pixel_count(value: Any, name: str) -> int:
     """A whole number of px, 0 or more."""
     number = _float_or_none(value)
     if number is None or number < 0 or not number.is_integer():

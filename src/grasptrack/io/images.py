@@ -139,7 +139,7 @@ def decode_image(data: bytes, name: str) -> Image:
     if (white := largest_value(data)) < 255:
         image = cv2.convertScaleAbs(image, alpha=255.0 / max(white, 1))
     image = image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
-    return _turned(image, orientation_of(data))
+    return _turned_upright(image, orientation_of(data))
 
 
 @contextlib.contextmanager
@@ -213,7 +213,7 @@ def count_images(data: bytes, name: str) -> int:
         raise SourceError(f"{name} cannot be read: it is damaged", name=name) from None
 
 
-def _turned(image: Image, orientation: int) -> Image:
+def _turned_upright(image: Image, orientation: int) -> Image:
     """An image as it is to be seen, by the numbers of EXIF."""
     image = image.swapaxes(0, 1) if 5 <= orientation <= 8 else image
     down, across = orientation in (3, 4, 7, 8), orientation in (2, 3, 6, 7)

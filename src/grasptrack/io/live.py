@@ -154,8 +154,7 @@ class _Drain:
         """The newest image, waited for; None where there will be none."""
         while True:
             with self._ready:
-                if not self._waiting and not self._over:
-                    self._ready.wait(_WAKE)
+                self._ready.wait_for(lambda: self._over or self._waiting, _WAKE)
                 if self._waiting:
                     newest, fell = self._waiting.take()
                     self.dropped += fell

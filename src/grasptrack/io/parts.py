@@ -23,9 +23,8 @@ import cv2
 import numpy as np
 
 from grasptrack import arguments
-from grasptrack.documents import read_json
+from grasptrack.documents import read_json, write_file
 from grasptrack.errors import GraspTrackError, InputError
-from grasptrack.files import whole_file
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.io.headers import image_size_in_header, is_whole_image
@@ -60,17 +59,12 @@ class Part(KnownPart):
         Raises:
             InputError: it cannot be written.
         """
-        file, part = Path(path), _reduced_part(self, MOST_SIDE / max(self.image.shape[:2]))
+        part = _reduced_part(self, MOST_SIDE / max(self.image.shape[:2]))
         data = _packed_bytes(part)
         while len(data) > LARGEST_FILE:
             part = _reduced_part(part, min(0.9, math.sqrt(0.9 * LARGEST_FILE / len(data))))
             data = _packed_bytes(part)
-        try:
-            with whole_file(file) as beside:
-                beside.write_bytes(data)
-        except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or error
-            raise InputError(f'part "{file}" cannot be written: {why}', path=str(file)) from None
+        write_file(Path(path), data, "part")
 
     @classmethod
     @arguments.checked(path=arguments.instance(str, os.PathLike))

@@ -214,8 +214,7 @@ class WriterThread:
         """Have one image written. What comes after the end, or after an error, is left out."""
         most = most_held(frame.image)
         with self._changed:
-            while self._waits and len(self._waiting) >= most and not self._ending:
-                self._changed.wait()
+            self._changed.wait_for(lambda: self._ending or not self._waits or len(self._waiting) < most)
             if self._ending:
                 return
             if len(self._waiting) >= most:
@@ -252,8 +251,7 @@ class WriterThread:
     def _write_frames(self) -> None:
         while True:
             with self._changed:
-                while not self._waiting and not self._ending:
-                    self._changed.wait()
+                self._changed.wait_for(lambda: self._ending or self._waiting)
                 if not self._waiting:
                     return
                 frame, result = self._waiting.popleft()

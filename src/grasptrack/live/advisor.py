@@ -135,8 +135,7 @@ class Advisor:
     def _do_jobs(self) -> None:
         while True:
             with self._changed:
-                while not self._jobs and not self._closed:
-                    self._changed.wait()
+                self._changed.wait_for(lambda: self._closed or self._jobs)
                 if self._closed:
                     return
                 job = self._jobs.popleft()

@@ -86,8 +86,7 @@ class Inbox:
     def hand_over(self, arrival: Arrival) -> bool:
         """An image of a file: waits until the one before it was taken. False where the inbox was closed meanwhile."""
         with self._changed:
-            while self._waiting and not self._closed:
-                self._changed.wait()
+            self._changed.wait_for(lambda: self._closed or not self._waiting)
             if self._closed:
                 return False
             self._waiting.add(arrival, 0)
@@ -97,8 +96,7 @@ class Inbox:
     def wait_taken(self) -> None:
         """Wait until no image waits: the end of a file is told after its last one."""
         with self._changed:
-            while self._waiting and not self._closed:
-                self._changed.wait()
+            self._changed.wait_for(lambda: self._closed or not self._waiting)
 
     def drop_frame(self) -> None:
         """Forget the images that wait."""
@@ -108,20 +106,17 @@ class Inbox:
 
     def take_next(self, wants_frame: bool, seconds: float) -> Any:
         """What was told, else an `Arrival` where one is wanted; None when `seconds` s have passed, or closed."""
-        until = time.monotonic() + seconds
         with self._changed:
-            while not self._closed:
-                if self._told:
-                    return self._told.popleft()
-                if wants_frame and self._waiting:
-                    arrival, _ = self._waiting.take()
-                    self._changed.notify_all()
-                    return arrival
-                left = until - time.monotonic()
-                if left <= 0.0:
-                    return None
-                self._changed.wait(left)
-        return None
+            self._changed.wait_for(lambda: self._closed or self._told or (wants_frame and self._waiting), seconds)
+            if self._closed:
+                return None
+            if self._told:
+                return self._told.popleft()
+            if not (wants_frame and self._waiting):
+                return None
+            arrival, _ = self._waiting.take()
+            self._changed.notify_all()
+            return arrival
 
     def close(self) -> None:
         """Nobody waits any more."""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack import arguments
-from grasptrack.documents import read_json, read_text, write_text
+from grasptrack.documents import read_json, read_text, write_file
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import HandCamera, align_rigid
@@ -130,7 +130,7 @@ class Goal:
             "beyond_m": self.beyond,
             "symmetric": self.symmetric,
         }
-        write_text(Path(path), json.dumps(content, indent=2) + "\n", "goal")
+        write_file(Path(path), json.dumps(content, indent=2) + "\n", "goal")
 
     @classmethod
     @arguments.checked(path=arguments.instance(str, os.PathLike))

@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from grasptrack import arguments
-from grasptrack.documents import read_keys, read_text, write_text
+from grasptrack.documents import read_keys, read_text, write_file
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.presentation import to_dict
@@ -184,7 +184,7 @@ grasptrack:
   covariance:  # of the log of the focal length; turn, rad, about the camera's axes; offset, m, along the hand's
 {rows}
 """
-        write_text(Path(path), text, "calibration")
+        write_file(Path(path), text, "calibration")
 
     @arguments.checked(arguments.text, path=arguments.instance(str, os.PathLike))
     def export(
@@ -228,7 +228,7 @@ transform:
   rotation:  # standard deviations in rad about the camera's axes {_yaml_list(sd[TURN])}
 {chr(10).join(rows[3:])}
 """
-        write_text(Path(path), text, "calibration")
+        write_file(Path(path), text, "calibration")
 
     def static_transform(self, *, hand: str = "tool0", camera: str = "camera_optical_frame") -> list[str]:
         """The arguments of `ros2 run tf2_ros static_transform_publisher`: m, a quaternion, and the frames' names."""

@@ -459,9 +459,9 @@ class TrackState:
             return self.shutter.shown
         return self.shutter.bend_about(self.target, G, self.steps)
 
-    def note_lookalike(self, *, anywhere: bool = False) -> None:
-        """An image shows the object where it was, and something just like it elsewhere, or anywhere in the first image."""
-        if self.lost or anywhere:  # which of them came to its place, nobody saw
+    def note_lookalike(self) -> None:
+        """An image shows the object where it was, and something just like it elsewhere."""
+        if self.lost:  # which of them came to its place, nobody saw
             self.lookalike = True
         else:
             self.beside = True

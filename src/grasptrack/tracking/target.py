@@ -244,8 +244,7 @@ class Target:
     @cached_property
     def _finger_weights(self) -> Floats:
         """(N, k) how much each sample counts for the edge under each finger."""
-        away = np.hypot(*(self.points[:, None] - self.work_contacts[None]).transpose(2, 0, 1))
-        under = away <= 0.5 * FINGER_WIDTH * self.size
+        under = 0.5 * FINGER_WIDTH * self.size >= self._sample_distances(self.work_contacts).T
         return np.asarray(under / np.maximum(under.sum(axis=0), 1), dtype=np.float64)
 
     def pose_difference(self, G0: Floats, G: Floats) -> Floats:
