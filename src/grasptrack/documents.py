@@ -54,11 +54,11 @@ def write_file(file: Path, content: str | bytes, kind: str) -> None:
         raise InputError(f'{kind} "{file}" cannot be written: {why}', path=str(file)) from None
 
 
-def read_text(file: Path, kind: str, largest: int = LARGEST_BYTES) -> str:
-    """The text of a small file in UTF-8.
+def read_bytes(file: Path, kind: str, largest: int) -> bytes:
+    """The bytes of a small file.
 
     Raises:
-        InputError: it cannot be read, is larger, empty, or no text. The message does not name the file.
+        InputError: it cannot be read, or is larger. The message does not name the file.
     """
     try:
         with file.open("rb") as stream:
@@ -67,8 +67,17 @@ def read_text(file: Path, kind: str, largest: int = LARGEST_BYTES) -> str:
         raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if len(data) > largest:
         raise InputError(f"is too large: no {kind} has more than {largest} bytes")
+    return data
+
+
+def read_text(file: Path, kind: str, largest: int = LARGEST_BYTES) -> str:
+    """The text of a small file in UTF-8.
+
+    Raises:
+        InputError: it cannot be read, is larger, empty, or no text. The message does not name the file.
+    """
     try:
-        text = data.decode("utf-8-sig")
+        text = read_bytes(file, kind, largest).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError("is no text file") from None
     if not text.strip():

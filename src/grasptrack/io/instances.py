@@ -12,10 +12,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from grasptrack.files import whole_file
-from grasptrack.io.results import software_versions
+from grasptrack.io.results import image_entry, outline_points, software_versions
 
 if TYPE_CHECKING:
     from grasptrack.tracking.instances import Instance
@@ -38,7 +36,7 @@ def instances_to_dict(
     """
     return {
         "format": INSTANCES_FORMAT,
-        "image": {"name": name, "width": shape[1], "height": shape[0]},
+        "image": image_entry(name, shape),
         "options": dict(options),
         "versions": software_versions(),
         "instances": [_instance_entry(number, one) for number, one in enumerate(found, 1)],
@@ -60,7 +58,7 @@ def _instance_entry(number: int, one: Instance) -> dict[str, Any]:
         "edge": one.edge,
         "room_px": one.room,
         "homography": one.homography,
-        "outline": [np.round(contour.points, 3) for contour in one.view.contours],
+        "outline": outline_points(one.view),
         "turns_deg": list(one.turns),
         "stable": None if one.analysis is None else one.analysis.stable,
         "margin_deg": None if one.analysis is None else math.degrees(one.analysis.margin),

@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.io.results import software_versions
+from grasptrack.io.results import image_entry, outline_points, software_versions
 from grasptrack.presentation import plain_value
 from grasptrack.view.panel import grasp_opening
 
 if TYPE_CHECKING:
-    from grasptrack.geometry.contours import View
     from grasptrack.grasp.contacts import RankedGrasp
     from grasptrack.trackability import Suitability
     from grasptrack.trackability.result import Held
@@ -54,23 +53,19 @@ def grasps_to_dict(
     others = {id(view): view for found in objects for view in found.neighbours if id(view) not in own}
     return {
         "format": GRASPS_FORMAT,
-        "image": _image_entry(name, shape),
+        "image": image_entry(name, shape),
         "options": options,
         "versions": software_versions(),
         "units": GRASPS_UNITS,
         "objects": [_object_entry(found, px_per_mm) for found in objects],
-        "neighbours": [_outline_points(view) for view in others.values()],
+        "neighbours": [outline_points(view) for view in others.values()],
     }
-
-
-def _image_entry(name: str, shape: tuple[int, ...]) -> dict[str, Any]:
-    return {"name": name, "width": shape[1], "height": shape[0]}
 
 
 def _object_entry(found: Planned, px_per_mm: float | None) -> dict[str, Any]:
     area, x, y, *_ = kernels.polygon_moments(found.outline.points, found.outline.offsets)
     return {
-        "outline": _outline_points(found.outline),
+        "outline": outline_points(found.outline),
         "area_px2": round(area, 3),
         "centroid": [round(x, 3), round(y, 3)],
         "hand_px": {key: round(float(value), 3) for key, value in found.hand._asdict().items()},
@@ -78,11 +73,6 @@ def _object_entry(found: Planned, px_per_mm: float | None) -> dict[str, Any]:
         "reason": found.grasps.reason,
         "refused": found.grasps.refused,
     }
-
-
-def _outline_points(view: View) -> list[Floats]:
-    """The outer contour, then its holes."""
-    return [np.round(contour.points, 3) for contour in view.contours]
 
 
 def _ranked_entry(grasp: RankedGrasp, rank: int, px_per_mm: float | None) -> dict[str, Any]:
@@ -144,7 +134,7 @@ def inspection_to_dict(
         "grasp": None if found.grasp is None else _held_entry(found.grasp),
         "outline": [contour.points for contour in found.view.contours],
     }
-    head = {"format": INSPECTION_FORMAT, "image": _image_entry(name, shape), "options": dict(options)}
+    head = {"format": INSPECTION_FORMAT, "image": image_entry(name, shape), "options": dict(options)}
     return {**head, "versions": software_versions(), "files": files, **plain_value(measured, digits=6)}
 
 

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from grasptrack import arguments
-from grasptrack.documents import read_json, write_file
+from grasptrack.documents import read_bytes, read_json, write_file
 from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.contacts import Grasp
@@ -79,8 +79,7 @@ class Part(KnownPart):
         """
         file = Path(path)
         try:
-            members = _read_members(file)
-            return _unpacked_part(cls, members)
+            return _unpacked_part(cls, _read_members(file))
         except GraspTrackError as error:
             raise InputError(f'part "{file}" {error}', path=str(file)) from None
         except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
@@ -147,13 +146,7 @@ def _read_members(file: Path) -> dict[str, bytes]:
     Raises:
         InputError: no such file, no zip, or a member is missing, encrypted or too large. The message does not name the file.
     """
-    try:
-        with file.open("rb") as stream:
-            data = stream.read(LARGEST_FILE + 1)
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(data) > LARGEST_FILE:
-        raise InputError(f"is too large: no part has more than {LARGEST_FILE} bytes")
+    data = read_bytes(file, "part", LARGEST_FILE)
     found: dict[str, bytes] = {}
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as packed:

@@ -286,13 +286,13 @@ class GraspServo:
             # a fault of this program's: the arm goes on with the last twist unless it gets another
             wanted = Intent("failed", f"internal error, please report it: {type(error).__name__}: {error}")
         self._watchdog.over = wanted.state in OVER
-        verdict = self._watchdog.limit_twist(wanted.twist, hand, tick, self._clock.usual_step)
-        if verdict.failure:
-            wanted = Intent("failed", verdict.failure)
+        twist, failure = self._watchdog.limit_twist(wanted.twist, hand, tick, self._clock.usual_step)
+        if failure:
+            wanted = Intent("failed", failure)
         self._set_state(wanted.state, " ".join(wanted.reason.split()))
-        self._arm.twist = verdict.twist
+        self._arm.twist = twist
         pose = self._known.grasp_pose_at(len(self.goal.points), hand, tick.now)
-        return wanted.command_with(verdict.twist, None if pose is None else replace(pose, time=float(time)))
+        return wanted.command_with(twist, None if pose is None else replace(pose, time=float(time)))
 
     def _take_in(
         self, tick: Tick, hand: Floats, result: TrackResult | None, time: float, taken: float | None

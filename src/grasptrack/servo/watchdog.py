@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -49,18 +48,6 @@ REACTION_TIME = 0.2
 """s within which an arm does what it is told."""
 MIN_COSINE_Z = 0.5
 """Cosine from which on a hand of 6 DoF comes along the axis z of the base."""
-
-
-class AllowedTwist(NamedTuple):
-    """What is allowed.
-
-    Attributes:
-        twist: (6,) m/s and rad/s in the hand's frame.
-        failure: why the approach is over; empty where it goes on.
-    """
-
-    twist: Floats
-    failure: str = ""
 
 
 class Watchdog:
@@ -112,10 +99,11 @@ class Watchdog:
         """m of the hand (4, 4) above where it started; below it is negative."""
         return 0.0 if self._start is None else float(self._up @ (hand[:3, 3] - self._start))
 
-    def limit_twist(self, wanted: Floats, hand: Floats, tick: Tick, pace: float) -> AllowedTwist:
+    def limit_twist(self, wanted: Floats, hand: Floats, tick: Tick, pace: float) -> tuple[Floats, str]:
         """What becomes of a wanted twist (6,), m/s and rad/s in the hand's frame, of which what is not finite stands for 0.
 
-        The hand (4, 4) is where it is now in the base; `pace` is s until the next call, as a rule.
+        The hand (4, 4) is where it is now in the base; `pace` is s until the next call, as a rule. What is given back is the
+        twist (6,) that is allowed, and why the approach is over; empty where it goes on.
         """
         if self._start is None:
             self._start, self._up = hand[:3, 3].copy(), self._find_up(hand)
@@ -129,7 +117,7 @@ class Watchdog:
             goal = self._stop_short(goal, hand, self._up, RISE_SHARE * self._bounds.rise - self.rise_of(hand))
             goal = self._stop_short(goal, hand, -self._up, self.floor + self.rise_of(hand))
         self.twist = self._limits.reachable(goal, self.twist, tick.step)
-        return AllowedTwist(self.twist.copy(), failure)
+        return self.twist.copy(), failure
 
     def _find_up(self, hand: Floats) -> Floats:
         approach = hand[:3, 2]
