@@ -27,6 +27,7 @@ from grasptrack.trackability.evidence import (
     Settled,
     contact_evidence,
     equals_of,
+    largest_deviation,
     peaks_of,
     recommended_strategy,
     strategies_of,
@@ -261,7 +262,7 @@ def _simulate_runs(first: InspectedView, stage: Stage, asked: _Inspection) -> tu
 
 def _refusal_reason(fixed: bool, covariance: Floats, limit: float) -> str:
     """Why contacts will not be believed that may be off by covariances (k, 2, 2) px^2; empty where they will."""
-    sigma = math.sqrt(float(np.linalg.eigvalsh(covariance)[:, -1].max()))
+    sigma = largest_deviation(covariance)
     return "" if fixed and sigma <= limit else Why("uncertain", {"sigma": sigma}).sentence
 
 

@@ -63,7 +63,7 @@ class Settled(NamedTuple):
     @property
     def contact_deviations(self) -> tuple[float, float, float]:
         """px, the largest standard deviation of a contact by each of the three."""
-        outline, surface, ground = (_largest_deviation(C) for C in self.covariances)
+        outline, surface, ground = (largest_deviation(C) for C in self.covariances)
         return outline, surface, ground
 
     @property
@@ -87,22 +87,24 @@ def contact_evidence(
     levels = build_pyramid(first.grey)
     bare = make_target(levels, first.candidate.view, first.held_grasp.contacts, UNTEXTURED, first.ignore_mask)
     by_outline, by_surface = (first_state(each, levels) for each in (bare, target))
-    alone, surface, ground = _Covariances(), _Covariances(), _Covariances()
+    alone, surface, ground = list[PoseEstimate](), list[PoseEstimate](), list[PoseEstimate]()
     for grey, step, decision in looked[:VIEWS]:
         image = build_pyramid(grey)
-        alone.add_estimate(_estimate_pose(by_outline, image, step.H))
+        outlined = _estimate_pose(by_outline, image, step.H)
+        if outlined is not None:
+            alone.append(outlined)
         textured = _estimate_pose(by_surface, image, step.H)
         if textured is not None and texture_evidence(by_surface, textured) > 0.0:  # else there is only noise
-            surface.add_estimate(textured)
+            surface.append(textured)
         followed = decision.estimate
         if followed is not None and followed.origin == BACKGROUND:
-            ground.add_estimate(followed)
+            ground.append(followed)
     # noisy directions of the edges seem to show what the shape does not
     free = unfixed_covariance(first)
-    least = alone.median_covariances(free) if shown else free
-    more = _smaller_covariance(surface.median_covariances(least), least)
-    most = _smaller_covariance(ground.median_covariances(more), more)
-    deviation = [_largest_deviation(C) for C in (least, more, most)]
+    least = _median_covariance(alone, free) if shown else free
+    more = _smaller_covariance(_median_covariance(surface, least), least)
+    most = _smaller_covariance(_median_covariance(ground, more), more)
+    deviation = [largest_deviation(C) for C in (least, more, most)]
     by: By = "nothing"
     if shown and deviation[0] <= limit:
         by = "outline"
@@ -118,22 +120,11 @@ def unfixed_covariance(first: InspectedView) -> Floats:
     return np.tile(LOOSE**2 * first.candidate.view.outer.area * np.eye(2), (len(first.held_grasp), 1, 1))
 
 
-class _Covariances:
-    """Covariances (k, 2, 2) px^2 of the contacts in some views, as the decision takes them."""
-
-    def __init__(self) -> None:
-        self._found: list[Floats] = []
-
-    def add_estimate(self, estimate: PoseEstimate | None) -> None:
-        """Those of one view."""
-        if estimate is not None:
-            self._found.append(estimate.covariance * NUMBERS.inflate**2)
-
-    def median_covariances(self, without: Floats) -> Floats:
-        """Those of the median view; `without` where fewer than half of the views have any."""
-        if 2 * len(self._found) < VIEWS:
-            return without
-        return sorted(self._found, key=_largest_deviation)[len(self._found) // 2]
+def _median_covariance(found: Sequence[PoseEstimate], without: Floats) -> Floats:
+    """(k, 2, 2) px^2 of the contacts in the median view, as the decision takes it; `without` where half have no estimate."""
+    if 2 * len(found) < VIEWS:
+        return without
+    return sorted((e.covariance * NUMBERS.inflate**2 for e in found), key=largest_deviation)[len(found) // 2]
 
 
 def _estimate_pose(state: TrackState, image: list[Grey], H: Floats) -> PoseEstimate | None:
@@ -141,14 +132,14 @@ def _estimate_pose(state: TrackState, image: list[Grey], H: Floats) -> PoseEstim
     return single_estimate(state, image, pose_hypothesis(state.target, "staged", H))
 
 
-def _largest_deviation(covariance: Floats) -> float:
-    """px, the largest standard deviation of a contact in any direction."""
+def largest_deviation(covariance: Floats) -> float:
+    """px, the largest standard deviation in any direction of contacts with covariances (k, 2, 2) px^2."""
     return math.sqrt(float(np.linalg.eigvalsh(covariance)[:, -1].max()))
 
 
 def _smaller_covariance(one: Floats, other: Floats) -> Floats:
     """The smaller of two covariances (k, 2, 2) px^2: what tells more can be left out of account."""
-    return one if _largest_deviation(one) < _largest_deviation(other) else other
+    return one if largest_deviation(one) < largest_deviation(other) else other
 
 
 EQUAL = 0.03
