@@ -213,7 +213,7 @@ def _is_mostly_cut(outline: Contour) -> bool:
 
 def polarity_of(grey: Grey, outline: Contour) -> int:
     """+1 where nearly all of an outline rises outward, -1 where it falls, 0 where it is mixed."""
-    normals = np.ascontiguousarray(_outward_normals(outline.points, 1))
+    normals = np.ascontiguousarray(outward_normals(outline.points, 1))
     rise = kernels.search_along_normals(grey, outline.points, normals, SIGN_REACH, 0)[:, 1]
     total = float(np.abs(rise).sum())
     share = float(rise[rise > 0.0].sum()) / total if total > 0.0 else 0.5
@@ -263,11 +263,11 @@ def _mean_along(colours: Floats) -> Floats:
 def _side_colors(shape: Silhouette, planes: Planes, px: int, beyond: float) -> tuple[Floats, Floats]:
     """(n, C) colours SIDE_DEPTH px within a region's outline, and some px outside it."""
     points = (shape.boundary_points(SIDE_SAMPLES) - 0.5 * (px - 1)) / px
-    normals = _outward_normals(points, 2)
+    normals = outward_normals(points, 2)
     return _sample_colors(planes, points - SIDE_DEPTH * normals), _sample_colors(planes, points + beyond * normals)
 
 
-def _outward_normals(points: Floats, step: int) -> Floats:
+def outward_normals(points: Floats, step: int) -> Floats:
     """(n, 2) unit normals of a closed curve, of the chord from `step` points before each to as many after it."""
     ahead = np.roll(points, -step, axis=0) - np.roll(points, step, axis=0)
     lengths = np.maximum(np.hypot(*ahead.T), MIN_LENGTH)
@@ -289,7 +289,7 @@ def best_color_projection(image: Pixels, outline: Contour) -> Channel:
     if image.ndim == 2:
         return PLAIN
     step = max(1, len(outline) // COLOR_SAMPLES)
-    points, normals = outline.points[::step], _outward_normals(outline.points, 2)[::step]
+    points, normals = outline.points[::step], outward_normals(outline.points, 2)[::step]
     within, beyond, farther = (_sample_colors(image, points + k * COLOR_DISTANCE * normals) for k in (-1.0, 1.0, 2.0))
     across, grain = beyond - within, beyond - farther
     between = across.T @ across / len(across)

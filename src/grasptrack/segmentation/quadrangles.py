@@ -146,12 +146,8 @@ def _find_corners(lines: list[EdgeLine], size: tuple[int, ...]) -> tuple[Floats,
     divisor = np.where(met, crossing, 1.0)
     x = (along[:, None] * normals[None, :, 1] - along[None, :] * normals[:, None, 1]) / divisor
     y = (normals[:, None, 0] * along[None, :] - normals[None, :, 0] * along[:, None]) / divisor
-    met &= (
-        (x > -CORNER_MARGIN)
-        & (x < size[1] - 1 + CORNER_MARGIN)
-        & (y > -CORNER_MARGIN)
-        & (y < size[0] - 1 + CORNER_MARGIN)
-    )
+    met &= (x > -CORNER_MARGIN) & (x < size[1] - 1 + CORNER_MARGIN)
+    met &= (y > -CORNER_MARGIN) & (y < size[0] - 1 + CORNER_MARGIN)
     return np.stack([x, y], axis=-1), met
 
 

@@ -12,7 +12,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import HORIZON
 from grasptrack.matching import MatchOutcome, Sampled, judge_hypotheses, match_outlines
 from grasptrack.matching.samples import BENDS
-from grasptrack.segmentation.candidate import Candidate, polarity_of
+from grasptrack.segmentation.candidate import Candidate, outward_normals, polarity_of
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import Silhouette
 from grasptrack.statistics import robust_sd
@@ -259,9 +259,8 @@ def make_detector(grey: Grey, view: View, hidden: Grey | None) -> OutlineDetecto
     if not polarity:
         return None
     points = view.outer.points
-    ahead = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    normals = np.column_stack([ahead[:, 1], -ahead[:, 0]]) / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
-    sides = kernels.search_along_normals(grey, points, np.ascontiguousarray(normals), SIDE_REACH, polarity)[:, 2:]
+    normals = np.ascontiguousarray(outward_normals(points, 1))
+    sides = kernels.search_along_normals(grey, points, normals, SIDE_REACH, polarity)[:, 2:]
     inside, outside = np.nanmedian(sides, axis=0).tolist() if np.isfinite(sides).any() else (math.nan, math.nan)
     if not (outside - inside) * polarity > 0.0:
         return None
