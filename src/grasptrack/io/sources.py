@@ -42,7 +42,7 @@ def open_source(
 ) -> Source:
     """Frames of a folder, a glob, a video file, one image, a camera, a stream or a recording, whichever the name says.
 
-    Folders and globs are read in natural order of names (other files than `images.SUFFIXES` are passed over) and have no
+    Folders and globs are read in natural order of names (other files than `io.images.SUFFIXES` are passed over) and have no
     times unless `fps` gives them. Deeper images come scaled to 8 bits by one factor for the sequence
     (`grasptrack.io.pixels.EightBits`), transparent parts black; grey stays (H, W), colour is BGR (H, W, 3).
 

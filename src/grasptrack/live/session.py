@@ -58,7 +58,7 @@ class LiveSession(SessionLoop):
             search's bounds count for every image in which an object is to be chosen.
         at_once: follow the likeliest object of the first image without a person's word.
         options: what the user asked for, for run.json.
-        record_as: suffix of recordings: ".mp4", or one of `grasptrack.io.recording.SUFFIXES`.
+        record_as: suffix of recordings: ".mp4", or one that `grasptrack.io.recording.create_recording` takes.
         pace: play files at their own rate; without, as fast as they are tracked.
     """
 

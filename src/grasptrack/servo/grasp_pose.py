@@ -78,7 +78,7 @@ def grasp_pose(known: Estimate, contacts: int, hand: Floats, time: float, dof: i
     """Where the grasp is.
 
     Args:
-        known: camera and object, with a covariance that is to be believed (`servo.trust.Trust.estimate`).
+        known: camera and object, with a covariance that is to be believed (`Trust.with_true_covariance`).
         contacts: how many of its points, the first, are contacts; two or more.
         hand: (4, 4), the hand's pose in the base: tells the approach direction, and on which side of the plane the hand is.
         time: s, of which it shall be true. The object goes on until then.

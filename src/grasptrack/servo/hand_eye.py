@@ -82,7 +82,7 @@ class HandEye:
 
     @classmethod
     def from_estimate(cls, known: Estimate) -> HandEye:
-        """What an estimate tells, with a covariance that is to be believed (`servo.trust.Trust.estimate`)."""
+        """What an estimate tells, with a covariance that is to be believed (`Trust.with_true_covariance`)."""
         camera = known.camera
         width, height = (round(2.0 * c + 1.0) for c in camera.centre.tolist())
         return cls(

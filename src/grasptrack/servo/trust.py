@@ -164,7 +164,7 @@ class DriftAlarm:
 
         Args:
             seen: the sighting.
-            told: the estimate with a covariance that is to be believed (`servo.trust.Trust.estimate`).
+            told: the estimate with a covariance that is to be believed (`Trust.with_true_covariance`).
             displaced_at: s, when the object was found displaced, as `Estimate.displaced_at`: what came before does not belong
                 to what comes after.
         """

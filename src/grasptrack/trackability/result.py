@@ -89,7 +89,7 @@ class Held(NamedTuple):
         chance: 0 to 1, that it closes with contacts as uncertain as expected.
         sigma: (k,) px, expected error of each contact, rms of the distance.
         covariance: (k, 2, 2) px^2.
-        limit: px; a larger standard deviation of a contact is not believed (`tracking.decision:largest_sigma`).
+        limit: px; a larger standard deviation of a contact is not believed (`tracking.pose:largest_sigma`).
         tolerance: px by which a contact may be off and count as right.
     """
 

@@ -40,7 +40,7 @@ class TrackResult:
             sure enough to be given: at most 1 - risk, and 0 where there is none. Never beyond what runs of scenes have shown
             (`untested` in docs/tables/numbers.md); 1 in the first view, by definition.
         chance: probability, 0 to 1, that the grasp closes although the contacts may be off by their covariance, the least that
-            it is (`closing.chance_of_closing`), and the object's plane tilted otherwise; NaN where no covariance is known.
+            it is (`closure_probability.chance_of_closing`), and the object's plane tilted otherwise; NaN where none is known.
         homography: (3, 3) H_current_reference where the transfer gives one.
         homography_covariance: (9, 9) of its entries, row by row, the last one being 1, where it is known.
         covariance: (k, 2, 2) px^2 of the contacts where it is known.
