@@ -11,23 +11,23 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 41_506,
-    "src/grasptrack/tracking": 8_452,
-    "src/grasptrack/servo": 4_773,
-    "src/grasptrack/io": 5_780,
-    "src/grasptrack/segmentation": 3_992,
-    "src/grasptrack/cli": 3_319,
-    "src/grasptrack/live": 2_473,
-    "src/grasptrack/view": 2_050,
-    "src/grasptrack/trackability": 1_946,
-    "src/grasptrack/grasp": 1_860,
+    "src/grasptrack": 41_401,
+    "src/grasptrack/tracking": 8_444,
+    "src/grasptrack/servo": 4_708,
+    "src/grasptrack/io": 5_743,
+    "src/grasptrack/segmentation": 4_155,
+    "src/grasptrack/cli": 3_312,
+    "src/grasptrack/live": 2_457,
+    "src/grasptrack/view": 2_048,
+    "src/grasptrack/trackability": 1_937,
+    "src/grasptrack/grasp": 1_796,
     "bench": 15_022,
-    "research": 11_055,
+    "research": 11_051,
     "native": 7_356,
-    "tests": 43_250,
+    "tests": 43_259,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
-MODULES = 207
+MODULES = 208
 SAME_NAMES = 0
 """Names that more than one class has."""
 NAMED = ("tracking", "segmentation")
