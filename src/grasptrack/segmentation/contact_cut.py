@@ -10,9 +10,12 @@ localised on the edges beside it, and rated by them.
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
+from grasptrack.grasp.force_closure import ON_OUTLINE
 from grasptrack.segmentation.closed_edges import Planes
 from grasptrack.segmentation.silhouettes import Chain, Silhouette, to_binary, trace_silhouettes
 from grasptrack.typing import Bools, Floats, Pixels
@@ -43,18 +46,24 @@ ON_HOLE = 2.0
 
 
 def region_at_contacts(planes: Planes, contacts: Floats, least: float) -> Silhouette | None:
-    """The region of at least so many px^2 that contacts (k, 2) px lie on, of planes (H, W, C); of holes only the one that they
-    lie on. None where there is none."""
+    """The region of at least so many px^2 that contacts (k, 2) px lie on, of planes (H, W, C).
+
+    Of holes only the one is kept that all of them lie on. None where neither what lies between them nor what lies beyond is a
+    region with contacts on its outline.
+    """
     times = max(1, round(max(planes.shape[:2]) / CUT_SIDE))
     image = _cut_image(planes, times)
     inner, outer = _draw_seeds(image.shape[:2], (contacts - 0.5 * (times - 1)) / times)
     is_hole = _unlike_border(image, outer) > HOLE_UNLIKE * _unlike_border(image, inner)
-    region = _cut_region(image, outer, inner) if is_hole else _cut_region(image, inner, outer)
-    whole = cv2.resize(to_binary(region), (planes.shape[1], planes.shape[0]), interpolation=cv2.INTER_LINEAR)
-    found = trace_silhouettes(to_binary(whole > 127), least)
-    if not found:
-        return None
-    return found[0]._replace(holes=tuple(h for h in found[0].holes if _runs_through(h, contacts, ON_HOLE * times)))
+    for own, other in sorted([(inner, outer), (outer, inner)], key=lambda sides: (sides[0] is outer) is not is_hole):
+        region = to_binary(_cut_region(image, own, other))
+        whole = cv2.resize(region, (planes.shape[1], planes.shape[0]), interpolation=cv2.INTER_LINEAR)
+        for shape in trace_silhouettes(to_binary(whole > 127), least)[:1]:
+            near = max(ON_HOLE * times, ON_OUTLINE * math.sqrt(shape.area))
+            holes = tuple(h for h in shape.holes if _runs_through(h, contacts, ON_HOLE * times))
+            if holes or _runs_through(shape.outer, contacts, near):
+                return shape._replace(holes=holes)
+    return None
 
 
 def _runs_through(chain: Chain, contacts: Floats, near: float) -> bool:
