@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
+    sys.path[:0] = [str(Path(__file__).parents[1] / "oracle"), str(Path(__file__).parents[2])]
 
 from harness import options
 from kernel_calls import NAMES, draw_call, judge_call

@@ -17,7 +17,7 @@ from pathlib import Path
 import _grasptrack_native as native
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
+    sys.path[:0] = [str(Path(__file__).parents[1] / "oracle"), str(Path(__file__).parents[2])]
 
 from children import PATIENCE, run_trials
 from contour_trials import draw_pair, judge_number

@@ -230,6 +230,20 @@ def test_the_cut_is_the_region_between_contacts(turn: float, step: float, noise:
     assert again is not None and np.array_equal(again.outer, region.outer)
 
 
+@settings(max_examples=40)
+@given(
+    contacts=st.lists(st.tuples(st.floats(-5.0, 95.0), st.floats(-5.0, 65.0)), min_size=2, max_size=4),
+    size=st.tuples(st.integers(3, 60), st.integers(3, 90)),
+    flat=st.booleans(),
+)
+def test_no_contacts_and_no_image_stop_the_cut(
+    contacts: list[tuple[float, float]], size: tuple[int, int], flat: bool
+) -> None:
+    image = np.full(size, 77, np.uint8) if flat else np.random.default_rng(1).integers(0, 256, size, np.uint8)
+    region = region_at_contacts(lab_planes(image), np.array(contacts), 30.0)
+    assert region is None or region.area >= 30.0
+
+
 def test_contacts_move_with_the_picture_that_is_cut_out() -> None:
     said = FirstImage.of(grasp=[(30.0, 40.0), (60.0, 80.0)]).in_window(10, 20, 100, 200)
     assert said.grasp is not None and said.grasp.contacts.tolist() == [[20.0, 20.0], [50.0, 60.0]]

@@ -54,8 +54,12 @@ def region_at_contacts(planes: Planes, contacts: Floats, least: float) -> Silhou
     times = max(1, round(max(planes.shape[:2]) / CUT_SIDE))
     image = _cut_image(planes, times)
     inner, outer = _draw_seeds(image.shape[:2], (contacts - 0.5 * (times - 1)) / times)
-    is_hole = _unlike_border(image, outer) > HOLE_UNLIKE * _unlike_border(image, inner)
-    for own, other in sorted([(inner, outer), (outer, inner)], key=lambda sides: (sides[0] is outer) is not is_hole):
+    sides = [(inner, outer), (outer, inner)]
+    if _unlike_border(image, outer) > HOLE_UNLIKE * _unlike_border(image, inner):
+        sides.reverse()
+    for own, other in sides:
+        if not own.any():  # beyond the image's border
+            continue
         region = to_binary(_cut_region(image, own, other))
         whole = cv2.resize(region, (planes.shape[1], planes.shape[0]), interpolation=cv2.INTER_LINEAR)
         for shape in trace_silhouettes(to_binary(whole > 127), least)[:1]:
