@@ -11,11 +11,11 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 41_414,
+    "src/grasptrack": 41_417,
     "src/grasptrack/tracking": 8_444,
     "src/grasptrack/servo": 4_708,
     "src/grasptrack/io": 5_743,
-    "src/grasptrack/segmentation": 4_168,
+    "src/grasptrack/segmentation": 4_171,
     "src/grasptrack/cli": 3_312,
     "src/grasptrack/live": 2_457,
     "src/grasptrack/view": 2_048,

@@ -65,6 +65,8 @@ simpler; ..."""
 GROUND_SHARE = 0.5
 """... and where most of what closed edges add looks like the ground in a hole does, they bridged a gap, as between tines: then
 the factor is theirs."""
+CUT_LIKELY = 0.8
+"""Factor on the rating of a cut between contacts, which sees a blurred image: what edges or thresholds show too is preferred."""
 GAP_MARGIN = 10
 """px of the reduced image around a region in which the ground's colour is measured."""
 GAP_DEPTH, MIN_GAP, OUTSIDE = 4, 8, 0.05
@@ -319,7 +321,8 @@ def propose_quadrangles(scene: PreparedImage) -> Iterator[OutlineProposal]:
 def propose_at_contacts(scene: PreparedImage) -> Iterator[OutlineProposal]:
     """What the contacts that a person gave lie on."""
     if scene.contact_region is not None:
-        yield OutlineProposal(scene.contact_region, scene.scorer.rate_silhouette(scene.contact_region))
+        rating = scene.scorer.rate_silhouette(scene.contact_region)
+        yield OutlineProposal(scene.contact_region, rating, likely=CUT_LIKELY)
 
 
 def propose_from_maps(scene: PreparedImage, maps: Sequence[Floats32]) -> Iterator[OutlineProposal]:
