@@ -66,7 +66,7 @@ GROUND_SHARE = 0.5
 """... and where most of what closed edges add looks like the ground in a hole does, they bridged a gap, as between tines: then
 the factor is theirs."""
 CUT_LIKELY = 0.8
-"""Factor on the rating of a cut between contacts, which sees a blurred image: what edges or thresholds show too is preferred."""
+"""Factor on the rating of a cut between contacts, which sees a blurred image: what edges show as well is preferred."""
 GAP_MARGIN = 10
 """px of the reduced image around a region in which the ground's colour is measured."""
 GAP_DEPTH, MIN_GAP, OUTSIDE = 4, 8, 0.05
