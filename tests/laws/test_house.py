@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_022,
     "research": 11_051,
     "native": 7_356,
-    "tests": 43_273,
+    "tests": 43_275,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 208

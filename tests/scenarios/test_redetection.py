@@ -165,7 +165,7 @@ def test_what_the_last_image_showed_in_its_place_stays_in_mind_where_it_was_more
     e = seen(state, np.eye(3), drawn(L_PLATE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
     doubts = []
     for state.exchanged in (0.0, EXCHANGED, 1.01 * EXCHANGED, 1.0):
-        doubts.append(wrong_object_probability(state, e, 2.0))  # right after the first image its surface has a say too
+        doubts.append(wrong_object_probability(state, e, 1.0))
     assert doubts[0] == doubts[1] < 0.01 * doubts[2] and doubts[2] == doubts[3]
 
 
@@ -440,11 +440,13 @@ def test_a_spur_of_a_half_discs_outline_does_not_seem_to_fix_where_it_slid_to() 
     never_wrong("half-disc", "clean-6dof", 7, frames=49, seed=7)
 
 
-def test_the_image_right_after_the_first_tells_by_the_surface_too() -> None:
+def test_a_second_image_that_contradicts_the_surface_is_searched_again() -> None:
+    """An egg of brushed metal had turned on its outline by 17 px."""
     case = make_scene_cases([ScenePart(SHAPES["egg"]())], ["glossy-table"], frames=24, seed=4001)[0]
     first, second = (case.scene()[k] for k in (0, 1))
     contacts = chosen_grasp(first.outline)
     tracker = GraspTracker(grasp=contacts)
     tracker.update(first.image, first.time)
     result = tracker.update(second.image, second.time)
-    assert result.contacts is None or np.hypot(*(result.contacts - second.carry(contacts)).T).max() < 3.0
+    assert result.contacts is not None
+    assert np.hypot(*(result.contacts - second.carry(contacts)).T).max() < 3.0
