@@ -106,6 +106,14 @@ def test_the_same_bound_finds_the_same(ms: float) -> None:
     assert outlines(ms) == outlines(ms)
 
 
+@pytest.mark.parametrize("ms", [100.0, 1e6])
+def test_a_cut_at_given_contacts_is_within_the_bound_too(ms: float) -> None:
+    scene = PreparedImage(IMAGE, FirstImage(grasp=gt.Grasp(0.5 * (PLATE[::2] + PLATE[1::2])), first_look_ms=ms))
+    before = scene.work.spent_ms
+    assert (scene.contact_region is None) is (ms == 100.0)
+    assert scene.work.spent_ms <= ms and (scene.work.spent_ms > before) is (ms > 100.0)
+
+
 @given(st.floats(0.0, 200.0), st.floats(0.0, 200.0))
 def test_closings_are_cut_short_at_the_end_and_never_beyond_the_bound(one: float, other: float) -> None:
     few, many = sorted((one, other))

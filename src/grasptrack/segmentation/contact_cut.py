@@ -45,13 +45,19 @@ ON_HOLE = 2.0
 """px from a hole's boundary to the contacts on it, of the image that is cut."""
 
 
+def reduction_of(planes: Planes) -> int:
+    """Times by which planes (H, W, C) are reduced before they are cut."""
+    longer: int = max(planes.shape[:2])
+    return max(1, round(longer / CUT_SIDE))
+
+
 def region_at_contacts(planes: Planes, contacts: Floats, least: float) -> Silhouette | None:
     """The region of at least so many px^2 that contacts (k, 2) px lie on, of planes (H, W, C).
 
     Of holes only the one is kept that all of them lie on. None where neither what lies between them nor what lies beyond is a
     region with contacts on its outline.
     """
-    times = max(1, round(max(planes.shape[:2]) / CUT_SIDE))
+    times = reduction_of(planes)
     image = _cut_image(planes, times)
     inner, outer = _draw_seeds(image.shape[:2], (contacts - 0.5 * (times - 1)) / times)
     sides = [(inner, outer), (outer, inner)]

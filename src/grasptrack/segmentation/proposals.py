@@ -23,7 +23,7 @@ from grasptrack.segmentation.closed_edges import (
     lab_planes,
     to_full_resolution,
 )
-from grasptrack.segmentation.contact_cut import region_at_contacts
+from grasptrack.segmentation.contact_cut import reduction_of, region_at_contacts
 from grasptrack.segmentation.localization import ALIKE as GROUND_ALIKE
 from grasptrack.segmentation.localization import HOLE_CONTRAST
 from grasptrack.segmentation.quadrangles import find_quadrangles
@@ -38,6 +38,7 @@ from grasptrack.segmentation.silhouettes import (
 from grasptrack.segmentation.snapping import ALL_ROUND, outline_agreement
 from grasptrack.segmentation.work import (
     CLOSING,
+    CUT,
     GRADIENTS,
     PREPARED,
     QUADRANGLES,
@@ -256,9 +257,11 @@ class PreparedImage:
 
     @cached_property
     def contact_region(self) -> Silhouette | None:
-        """What the contacts that a person gave lie on, as of `contact_cut.region_at_contacts`."""
-        if self.said.masked or self.said.grasp is None:
+        """What the contacts that a person gave lie on, as of `contact_cut.region_at_contacts`, if the work is allowed."""
+        cost = CUT.of(self.reduced_size / reduction_of(self.edges.planes) ** 2)
+        if self.said.masked or self.said.grasp is None or not self.work.allows(cost):
             return None
+        self.work.spend(cost)
         px = self.edges.shrink
         contacts = np.array([self.to_reduced((x, y)) for x, y in self.said.grasp.contacts.tolist()])
         found = region_at_contacts(self.edges.planes, contacts, MIN_ENCLOSED / px**2)

@@ -24,6 +24,8 @@ THRESHOLDED, CLOSING = AreaCost(2.5), AreaCost(4.5)
 """Of the image, one threshold; of the reduced image, one closing of edges."""
 QUADRANGLES = AreaCost(100.0)
 """Of the reduced image, its quadrangles."""
+CUT = AreaCost(3400.0)
+"""Of the image that is cut at contacts, first on one side of them and then on the other."""
 RATED = 0.06
 """ms for each region that is rated."""
 CONTOUR, CONTOUR_AREA = 1.0, AreaCost(3.0)
