@@ -304,11 +304,12 @@ def _whitening_map(points: Floats) -> Floats | None:
 
 
 class EvenSamples(NamedTuple):
-    """Samples of the outline: points and outward normals (n, 2), and px^2, variance of a contour's points across it."""
+    """Samples of the outline: points and outward normals (n, 2); px^2, variance of a contour's points across it; px between."""
 
     points: Floats
     normals: Floats
     noise: float
+    spacing: float
 
 
 def sample_evenly(contours: list[tuple[Floats, bool, Any]]) -> EvenSamples:
@@ -341,8 +342,8 @@ def sample_evenly(contours: list[tuple[Floats, bool, Any]]) -> EvenSamples:
         points.append(point_at(t, closed)[keep])
         normals.append(np.column_stack([chord[:, 1], -chord[:, 0]])[keep])
     if not points:
-        return EvenSamples(np.zeros((0, 2)), np.zeros((0, 2)), noise)
-    return EvenSamples(np.vstack(points), np.vstack(normals), noise)
+        return EvenSamples(np.zeros((0, 2)), np.zeros((0, 2)), noise, spacing)
+    return EvenSamples(np.vstack(points), np.vstack(normals), noise, spacing)
 
 
 def _without_noise(points: Floats) -> tuple[Floats, float]:

@@ -240,7 +240,7 @@ def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) ->
 def lookalike_probability(state: TrackState, estimate: PoseEstimate, expected: Expected) -> float:
     """Probability that something just like the object lies where an estimate has it, and not the object."""
     unseen = state.numbers.lookalike
-    if not (state.lookalike or state.beside):
+    if not (state.lookalike or state.beside or state.is_outside):
         return unseen
     which_is_open = state.lost and state.lookalike and state.carried_by_belt() is None
     if is_at(estimate, mean_point(expected.contacts)) and not which_is_open:

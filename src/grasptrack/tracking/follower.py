@@ -427,10 +427,12 @@ class Follower:
         return self.state.expected if carried is None else carried
 
     def _look_if_gone(self, levels: list[Grey], predictions: Predictions, solutions: Solutions) -> None:
-        """What is expected changes where its place is seen without it."""
+        """What is expected changes where its place is seen without it, and that to which it would have moved on as well."""
         state = self.state
         if not state.gone:
-            state.gone = place_is_empty(self.target, state.located, levels, self._expected_pose(predictions))
+            moved_on = state.coasted() if state.lost else predictions.even
+            places = [self._expected_pose(predictions), *([] if moved_on is None else [moved_on])]
+            state.gone = all(place_is_empty(self.target, state.located, levels, place) for place in places)
         if state.gone:
             solutions.expected = solutions.expected._replace(steps=ANYWHERE_STEPS)
 

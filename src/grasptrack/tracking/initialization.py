@@ -36,12 +36,15 @@ from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.pose import contact_tolerance
+from grasptrack.tracking.state import SEEN
 from grasptrack.tracking.strategies import Carrier, carrier_for
 from grasptrack.transfer import strategy_named
 from grasptrack.typing import Floats
 
 NEARLY_AS_GOOD = 0.7
 """Share of the best quality that a grasp needs to be preferred for being easier to carry."""
+TRIED_GRASPS = 50
+"""Synthesised grasps of which one is wanted that the strategy can carry and whose contacts the image shows."""
 SAME_OUTLINE = 1.5
 """px by which outlines may differ that two candidates share."""
 APART = 0.3
@@ -201,20 +204,36 @@ def start_tracking(
     time: float | None = None,
     before: Beforehand | None = None,
 ) -> TrackingStart:
-    """The first grasp of a first view that the strategy can carry, and what carries it; arguments as for `carrier_for`."""
-    refusal = ""
+    """The first grasp of a first view that the strategy can carry, and what carries it; arguments as for `carrier_for`.
+
+    A synthesised one whose contacts nothing in the image shows, as on an edge in a glare, gives way to the first that it does:
+    no later image could testify for it.
+    """
     if first.candidate is None:
-        return TrackingStart(None, None, refusal)
+        return TrackingStart(None, None, "")
     view, numbers = first.candidate.view, wish.numbers_for(first.candidate.view)
+    synthesised = wish.said.grasp is None and wish.choose is None
+    refusal, start = "", TrackingStart(None, None, "")
     for grasp in first.grasps:
+        if start.carrier is not None and not _shows_contacts(start.carrier, grasp):
+            continue
         try:
             carrier = carrier_for(wish.strategy, grasp, view, grey, time, observer, numbers, before)
         except TransferError as error:
             refusal = refusal or str(error)
             continue
         carrier.follower.state.sightings.doubt = first.doubt
-        return TrackingStart(grasp, carrier, refusal)
-    return TrackingStart(None, None, refusal)
+        found = TrackingStart(grasp, carrier, refusal)
+        if not synthesised or _shows_contacts(carrier, grasp):
+            return found
+        start = found if start.carrier is None else start
+    return start._replace(refusal=refusal)
+
+
+def _shows_contacts(carrier: Carrier, grasp: Grasp) -> bool:
+    """Whether the first view shows enough of each contact for later images to see it again."""
+    state = carrier.follower.state
+    return state.target.shown_share(grasp.contacts, state.usual) >= SEEN
 
 
 def image_size(image: NDArray[Any]) -> tuple[int, int]:
@@ -332,13 +351,13 @@ def synthesize_grasps(
     if not own:
         return [], "the object's plane is not seen from its front"
     neighbours = beside if plane is None else _in_plane(beside, H)
-    found = synthesize(own[0], fingers, friction, top=10, hand=hand, neighbours=neighbours)
+    found = synthesize(own[0], fingers, friction, top=TRIED_GRASPS, hand=hand, neighbours=neighbours)
     back = np.linalg.inv(H)
     ranked: list[Grasp] = [g if plane is None else Grasp(apply_homography(back, g.contacts), g.quality) for g in found]
     if strategy == AUTO and ranked:
         # among grasps that are nearly as good, the first that most descriptions can carry
-        good = [g for g in ranked if g.quality >= NEARLY_AS_GOOD * ranked[0].quality]
-        ranked = sorted(good, key=lambda g: -count_describing_strategies(g, view))
+        count = sum(g.quality >= NEARLY_AS_GOOD * ranked[0].quality for g in ranked)
+        ranked[:count] = sorted(ranked[:count], key=lambda g: -count_describing_strategies(g, view))
     return ranked, found.reason
 
 

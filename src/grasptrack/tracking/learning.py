@@ -116,11 +116,10 @@ def lose(
         if _away_from_rest(state, predictions.background) <= decision.tolerance:  # it rests, or may have
             state.coasting = None
     most = 1.0 - state.numbers.hazard if _moves_on(state, decision, predictions.background) else UNSURE_PRESENCE
-    coasted = state.coasted()
-    _note_leaving(state, background if coasted is None and state.anchored else coasted, levels[0].shape)
-    if state.coasting is not None and coasted is not None:  # what left the image comes back otherwise
-        on = state.coasting._replace(steps=state.coasting.steps + state.steps)
-        state.coasting = None if state.left else on
+    moved_on = state.moved_on()
+    _note_leaving(state, background if state.coasting is None and state.anchored else moved_on, levels[0].shape)
+    if state.coasting is not None and moved_on is not None:
+        state.coasting = state.coasting._replace(steps=state.coasting.steps + state.steps)
     state.lost += 1
     if state.accepted:  # until a second image shows it, what contradicts the first outline may be that outline
         state.exchanged += decision.presence * (decision.exchanged - state.exchanged)

@@ -180,6 +180,7 @@ def make_target(
         is_round,
         (image, surface_mask),
         tuple(counts[:FINE_LEVELS]),
+        samples.spacing,
         edges.share,
         edges.width,
         noise,

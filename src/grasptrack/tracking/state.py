@@ -382,7 +382,14 @@ class TrackState:
         return math.sqrt(max(1.0, self.ways.value))
 
     def coasted(self) -> Floats | None:
-        """(3, 3) where a lost object would be in the next image, had it moved on evenly; None where that is not known."""
+        """(3, 3) where a lost object would be in the next image, had it moved on evenly; None where that is not known.
+
+        None beyond the border too: what left the image comes back otherwise.
+        """
+        return None if self.left else self.moved_on()
+
+    def moved_on(self) -> Floats | None:
+        """(3, 3) the same, beyond the border too."""
         if self.coasting is None:
             return None
         G, velocity, steps = self.coasting
@@ -403,6 +410,11 @@ class TrackState:
     def has_left(self) -> bool:
         """Whether it went out over the border of the image, and did not come back at once."""
         return self.leaving and self.left >= LEFT_IMAGES
+
+    @property
+    def is_outside(self) -> bool:
+        """Whether it has left, and motion or ground say that it is still beyond the border."""
+        return self.has_left and (self.anchored or self.coasting is not None)
 
     @property
     def drifted(self) -> float:

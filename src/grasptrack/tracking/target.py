@@ -2,7 +2,7 @@
 """What is followed, as the estimator looks for it: outline, texture and contacts of the first view."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import View
-from grasptrack.geometry.homographies import HORIZON, behind_camera_error
+from grasptrack.geometry.homographies import HORIZON, apply_homography, behind_camera_error
 from grasptrack.grasp.force_closure import FINGER_WIDTH
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.typing import Floats
@@ -97,6 +97,7 @@ class Target:
         surface: (H, W) the rectified first view, and (H, W) nonzero on its surface.
         strides: work px between the pixels of a patch, fine to coarse.
         counts: of patches on each of the finest levels.
+        spacing: work px from one sample of the outline to the next.
         edge_share: of the outline's samples, which have an edge; edge_width: work px, their standard deviation, the median.
         noise: grey levels, of the camera.
         handle: the same for the kernel.
@@ -121,6 +122,7 @@ class Target:
     is_round: bool
     surface: tuple[Grey, Grey]
     counts: tuple[int, ...]
+    spacing: float
     edge_share: float
     edge_width: float
     noise: float
@@ -192,6 +194,19 @@ class Target:
         alike = self._patches_beside @ (usually & (r > ALIKE * u))  # never where it is NaN
         return np.asarray(alike / np.maximum(able, 1.0), dtype=np.float64)
 
+    def shown_share(self, contacts: Floats, usual: list[Floats]) -> float:
+        """0 to 1: how much the first view shows of what later images may see again, of the contact of which it shows least.
+
+        That is the stretch of edge under a finger, or surface beside it.
+
+        Args:
+            contacts: (k, 2) px of the first image.
+            usual: how much each patch of the surface looks like itself, as for `seen_surface`.
+        """
+        other = replace(self, work_contacts=apply_homography(self._view_to_work, contacts))
+        edge = np.count_nonzero(other._finger_weights, axis=0) * self.spacing / (2.0 * self._finger_reach)
+        return float(np.maximum(np.minimum(edge, 1.0), other.seen_surface(usual, usual)).min())
+
     @cached_property
     def _patches_beside(self) -> Floats:
         """(k, n) of the patches of the finest levels: 1 where one lies beside a contact."""
@@ -241,10 +256,16 @@ class Target:
     def _sample_distances(self, places: Floats) -> Floats:
         return np.asarray(np.hypot(*(places[:, None] - self.points[None]).transpose(2, 0, 1)), dtype=np.float64)
 
+    @property
+    def _finger_reach(self) -> float:
+        """Work px to either side of a contact within which the outline is that under the finger: a small object's finger may
+        stand between two samples."""
+        return max(0.5 * FINGER_WIDTH * self.size, self.spacing)
+
     @cached_property
     def _finger_weights(self) -> Floats:
         """(N, k) how much each sample counts for the edge under each finger."""
-        under = 0.5 * FINGER_WIDTH * self.size >= self._sample_distances(self.work_contacts).T
+        under = self._finger_reach >= self._sample_distances(self.work_contacts).T
         return np.asarray(under / np.maximum(under.sum(axis=0), 1), dtype=np.float64)
 
     def pose_difference(self, G0: Floats, G: Floats) -> Floats:

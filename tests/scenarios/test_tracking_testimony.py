@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contacts that images can testify for, and an equal that comes in while the object leaves."""
+
+import cv2
+import numpy as np
+import pytest
+
+from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.selection import make_target
+from grasptrack.tracking.target import build_pyramid
+from grasptrack.tracking.tracker import GraspTracker
+from grasptrack_bench.simulation import SHAPES, plain_texture
+from stages import EVEN, HEIGHT, WIDTH, photo, pose
+
+BRACKET = SHAPES["bracket"]()
+
+
+def glaring_bench(shift: float, seed: int) -> np.ndarray:
+    """A light bar on a dark bench with a lamp mirrored beside its middle, as bright as itself: no edge is seen there."""
+    image = np.full((HEIGHT, WIDTH), 60.0, np.float32)
+    x, y = WIDTH / 2 + shift, HEIGHT / 2
+    image[round(y - 25) : round(y + 25), round(x) :] = 235.0
+    cv2.rectangle(image, (round(x - 15), round(y - 90)), (round(x + 15), round(y + 90)), (235.0,), cv2.FILLED)
+    image = cv2.GaussianBlur(image, (0, 0), 0.8)
+    image += np.random.default_rng(seed).normal(0.0, 1.5, image.shape).astype(np.float32)
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def test_contacts_are_chosen_where_the_image_shows_an_edge() -> None:
+    x, y = WIDTH / 2, HEIGHT / 2
+    around = [[x - 15, y - 90], [x + 15, y - 90], [x + 15, y + 90], [x - 15, y + 90]]
+    tracker = GraspTracker(outline=around)
+    results = [tracker.update(glaring_bench(6.0 * k, seed=k)) for k in range(6)]
+    assert [r.status for r in results] == ["tracked"] * 6, [r.reason for r in results]
+    assert results[0].contacts is not None
+    assert (np.abs(results[0].contacts[:, 1] - y) > 25.0).all()
+
+
+def test_a_given_grasp_is_kept_where_no_edge_is_seen() -> None:
+    x, y = WIDTH / 2, HEIGHT / 2
+    given = [[x - 15.0, y], [x + 15.0, y]]
+    first = GraspTracker(outline=[[x - 15, y - 90], [x + 15, y - 90], [x + 15, y + 90], [x - 15, y + 90]], grasp=given)
+    contacts = first.update(glaring_bench(0.0, seed=0)).contacts
+    assert contacts is not None and np.abs(contacts - given).max() < 1.5
+
+
+@pytest.mark.parametrize("size", [14.0, 18.0, 75.0])
+def test_wherever_a_finger_stands_some_of_the_outline_is_under_it(size: float) -> None:
+    """A small object's fingers are narrower than the way from one sample of the outline to the next."""
+    image = photo([(BRACKET, pose(scale=size))], ground=EVEN)
+    view = GraspTracker(object_at=(160.0, 120.0)).update(image).view
+    assert view is not None
+    everywhere = view.outer.points[:: max(1, len(view.outer) // 60)]
+    target = make_target(build_pyramid(image), view, everywhere, NUMBERS)
+    under = target.contact_visibility(np.ones(len(target.points)))
+    assert target.edge_share > 0.99 and (under > 0.99).mean() > 0.95  # no normal is told at a corner
+
+
+@pytest.mark.parametrize("step", [14.0, 22.0, 30.0])
+def test_what_comes_in_over_one_border_is_not_what_leaves_over_the_other(step: float) -> None:
+    """However alike both are, and whether or not both are in view at once."""
+    table, apart = plain_texture(4), WIDTH + 40.0
+    tracker = GraspTracker(object_at=(160.0, 120.0))
+    for k in range(int(1.6 * apart / step)):
+        x = 160.0 + step * max(0, k - 4)
+        image = photo([(BRACKET, pose(x, 120.0, 10.0)), (BRACKET, pose(x - apart, 120.0, 10.0))], ground=table, seed=k)
+        result = tracker.update(image)
+        if result.contacts is not None:
+            assert abs(result.contacts[:, 0].mean() - x) < 30.0, (k, result.reason)
