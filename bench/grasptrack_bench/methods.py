@@ -7,7 +7,7 @@ A package adds a method of its own by the entry point `grasptrack.methods`: a `M
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, get_args
 
 from numpy.typing import NDArray
 
@@ -16,11 +16,12 @@ from grasptrack.plugins import load_plugin, plugin_names
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
+from grasptrack.typing import StrategyName
 from grasptrack_bench import baselines
 from grasptrack_bench.method import Maker, Method, MethodStart
 
 OURS = ("auto", "rrp", "grasp-line", "homography")
-"""Strategies of the tracker, in the order of tables."""
+"""Strategies of the tracker that are measured where none is named, in the order of tables."""
 
 
 class TrackerMethod:
@@ -60,7 +61,7 @@ def method_makers(names: Sequence[str], risk: float = DEFAULT_RISK) -> dict[str,
     """
     found: dict[str, Maker] = {}
     for name in names:
-        if name in OURS:
+        if name in get_args(StrategyName):
             found[name] = _tracker_maker(name, risk)
         elif name in baselines.PEERS:
             missing = baselines.missing_baselines()
@@ -73,7 +74,7 @@ def method_makers(names: Sequence[str], risk: float = DEFAULT_RISK) -> dict[str,
             found[name] = maker
         else:
             others = plugin_names("grasptrack.strategies") + plugin_names("grasptrack.methods")
-            choices = ", ".join((*OURS, *baselines.PEERS, *others))
+            choices = ", ".join((*get_args(StrategyName), *baselines.PEERS, *others))
             raise InputError(f'unknown method "{name}"; choose from {choices}', method=name)
     return found
 

@@ -93,7 +93,7 @@ def test_from_the_default_up_a_higher_risk_changes_nothing_but_what_is_answered(
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("risk", [1e-7, 1e-3, 0.5])
-@pytest.mark.parametrize("strategy", ["auto", *STRATEGIES])
+@pytest.mark.parametrize("strategy", ["auto", "paper", *STRATEGIES])
 def test_confidence_and_status_say_the_same(strategy: str, risk: float) -> None:
     first, *results = track(strategy=strategy, risk=risk)
     assert first.located and first.confidence == 1.0

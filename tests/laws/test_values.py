@@ -24,7 +24,7 @@ from synthesis_shapes import circle
 
 BRACKET = SHAPES["bracket"]()
 IMAGES = [photo([(BRACKET, pose(150.0 + 4 * k, 115.0 + 2 * k, 4.0 * k))], seed=k) for k in range(8)]
-STRATEGIES = ("auto", "homography", "grasp-line", "rrp")
+STRATEGIES = ("auto", "homography", "grasp-line", "rrp", "paper")
 CAMERA = gt.Camera(np.array([[350.0, 0.0, 160.0], [0.0, 350.0, 120.0], [0.0, 0.0, 1.0]]), (-0.05, 0.01, 0.0, 0.0))
 GRASP = np.array([[215.0, 110.0], [104.5, 113.3]])
 

@@ -8,7 +8,7 @@ from grasptrack_bench.simulation import SHAPES, Shape
 from grasptrack_bench.simulation.textures import TextureMap
 from stages import DARK, EVEN, HEIGHT, METAL, WIDTH, Run, bar, mirrored, photo, pose, regular, twin
 
-STRATEGIES = ("auto", "homography", "grasp-line", "rrp")
+STRATEGIES = ("auto", "homography", "grasp-line", "rrp", "paper")
 BRACKET, PLATE, GASKET, BLOB = (SHAPES[n]() for n in ("bracket", "notched-plate", "gasket", "blob"))
 RECTANGLE = SHAPES["rectangle"]()
 PAINTED = TextureMap(np.full((8, 8), round(DARK), np.uint8), 4.0)

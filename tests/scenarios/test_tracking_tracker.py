@@ -27,7 +27,7 @@ BRACKET = SHAPES["bracket"]()
 POSES = [pose(150.0 + 3 * k, 115.0 + 2 * k, 3.0 * k) for k in range(6)]
 IMAGES = [photo([(BRACKET, H)], seed=k) for k, H in enumerate(POSES)]
 GIVEN = [[215.0, 110.0], [104.5, 113.3]]
-ALL = ("auto", *STRATEGIES)
+ALL = ("auto", "paper", *STRATEGIES)
 
 
 def track(

@@ -50,6 +50,7 @@ SMALLEST = {
     "segmentation": "--data DATA --pictures DATA/pictures",
     "steps": "--calls 8 --updates 8 --largest 1",
     "synthesis": "--silhouettes DATA/tools/masks --friction 0.3",
+    "strategies": "--shapes bracket --frames 4",
     "thickness": "--parts bracket --thick 0.02 --workers 1",
     "trackability": "--parts bracket --disturbances clean-4dof --frames 12",
     "trays": "--seeds 1 --laid apart --pictures DATA/trays",

@@ -24,7 +24,7 @@ class TrackParameters:
 
     Attributes:
         fingers: number of contacts.
-        strategy: auto, rrp, grasp-line or homography.
+        strategy: auto, rrp, grasp-line, homography or paper.
         friction: coefficient of friction.
         risk: probability up to which an answer may be wrong.
         sure: probability from which on the first look counts as sure of its object.

@@ -20,7 +20,7 @@ from grasptrack.cli.help_groups import (
     option,
 )
 from grasptrack.cli.terminal import tell_line
-from grasptrack.errors import GraspError, InputError, StrategyError
+from grasptrack.errors import GraspError, InputError
 
 if TYPE_CHECKING:
     from grasptrack.grasp.hand import Hand, Length
@@ -58,14 +58,9 @@ def _two_or_three(fingers: int) -> int:
 
 
 def _strategy_choice(name: str) -> str:
-    from grasptrack.transfer import STRATEGIES, strategy_names
+    from grasptrack.transfer import check_strategy
 
-    if name in ("auto", *STRATEGIES):
-        return name
-    choices = ("auto", *strategy_names())
-    if name not in choices:
-        raise StrategyError(f'unknown strategy "{name}"; choose from {", ".join(choices)}', name=name)
-    return name
+    return check_strategy(name)
 
 
 Friction = Annotated[
@@ -149,7 +144,13 @@ class CarriedGrasp(GivenGrasp):
     """The grasp that a strategy is to carry, and how exactly."""
 
     strategy: Annotated[
-        str, option(GRASP, "NAME", "Strategy: auto, rrp, grasp-line or homography.", callback=_strategy_choice)
+        str,
+        option(
+            GRASP,
+            "NAME",
+            "Strategy: auto, rrp, grasp-line, homography, or paper: the cheapest of these that suffices, anew in each image.",
+            callback=_strategy_choice,
+        ),
     ] = "auto"
     tolerance: Annotated[
         str | None,

@@ -266,6 +266,8 @@ def show_run(summary: RunSummary, output: Path, notes: Iterable[str] = ()) -> No
     used = ", ".join(f"{name} ({count})" for name, count in summary.strategies.items())
     if used:
         table.add_row("strategy", "", used)
+    for switch, times in list(summary.switches.items())[:4]:
+        table.add_row("", "", f"[dim]{times} x[/dim] {escape(switch)}")
     if math.isfinite(summary.chance_least):
         chance = f"mean {100.0 * summary.chance_mean:.1f} %, least {100.0 * summary.chance_least:.1f} %"
         table.add_row("chance to close", "", chance)

@@ -111,6 +111,7 @@ class RunSummary:
         reasons: for each status but tracked, frames for each reason; reasons that differ in numbers alone count as
             one, under the first that was met.
         strategies: frames for each strategy that located the grasp.
+        switches: frames for each switch from one to another and its reason, counted as `reasons`, the most frequent first.
         grasps: number of different grasps that were located.
         object_seen: whether an object was made out in any frame.
         chance_least: the least chance of closing that was told; NaN where none was.
@@ -139,6 +140,7 @@ class RunSummary:
     chance_least: float = math.nan
     chance_mean: float = math.nan
     codes: dict[str, int] = field(default_factory=dict)
+    switches: dict[str, int] = field(default_factory=dict)
 
     def figures(self) -> dict[str, Any]:
         """The counts and figures for run.json."""
@@ -148,6 +150,7 @@ class RunSummary:
             "reasons": self.reasons,
             "reason_codes": self.codes,
             "strategies": self.strategies,
+            "switches": self.switches,
             "grasps": self.grasps,
             "chance": {"least": self.chance_least, "mean": self.chance_mean},
             "latency_ms": {"median": self.latency_median_ms, "p99": self.latency_p99_ms},
@@ -165,6 +168,7 @@ class Tally:
         self._reasons: dict[str, dict[str, tuple[str, int]]] = {s: {} for s in STATUSES[1:]}
         self._codes: Counter[str] = Counter()
         self._strategies: Counter[str] = Counter()
+        self._switches: dict[str, tuple[str, int]] = {}
         self._grasps = 0
         self._last_grasp: int | None = None
         self._object_seen = False
@@ -181,6 +185,8 @@ class Tally:
             self._codes[result.reason_code] += bool(result.reason_code)
         if result.contacts is not None:
             self._strategies[result.strategy] += 1
+            if result.switch:
+                self._count_reason(self._switches, result.switch)
             if result.grasp_id != self._last_grasp:
                 self._grasps += 1
                 self._last_grasp = result.grasp_id
@@ -209,9 +215,7 @@ class Tally:
 
         latencies = np.array(self._latencies) if self._latencies else np.array([math.nan])
         median, p99 = np.percentile(latencies, [50, 99]).tolist()
-        reasons = {
-            status: dict(sorted(known.values(), key=lambda pair: -pair[1])) for status, known in self._reasons.items()
-        }
+        reasons = {status: _most_frequent(known) for status, known in self._reasons.items()}
         return RunSummary(
             frames=self.frames,
             counts=dict(self._counts),
@@ -228,4 +232,10 @@ class Tally:
             chance_least=self._least,
             chance_mean=self._chances / self._told if self._told else math.nan,
             codes={code: count for code, count in self._codes.most_common() if count},
+            switches=_most_frequent(self._switches),
         )
+
+
+def _most_frequent(known: dict[str, tuple[str, int]]) -> dict[str, int]:
+    """What was counted, the most frequent first."""
+    return dict(sorted(known.values(), key=lambda pair: -pair[1]))

@@ -180,6 +180,7 @@ def judge_moved(moment: Moment, track: Track, moved: Moved, friction: float) -> 
         homography_covariance=homography_covariance,
         covariance=covariance,
         view=view,
+        switch=moved.switch,
     )
     return found, judged
 

@@ -224,13 +224,14 @@ class Follower:
         return decision
 
     def judge(
-        self, grey: Grey, time: float | None, propose: Callable[[Floats], Proposals]
+        self, grey: Grey, time: float | None, propose: Callable[[Floats, Decision], Proposals]
     ) -> tuple[Decision, StrategyProposal | None]:
         """As `update`, of what a strategy proposes, against continuity: what is decided of a proposal, and of which.
 
         Args:
             grey, time: as for `update`.
-            propose: the proposals, given the pose (3, 3) that is expected; they are asked for until one is accepted.
+            propose: the proposals, given the pose (3, 3) that is expected, and what is decided without them; they are asked for
+                until one is accepted.
         """
         levels = build_pyramid(grey)
         predictions, expected = self._predict_next(levels, time)
@@ -240,7 +241,7 @@ class Follower:
         if not found.is_accepted:
             self._look_if_gone(levels, predictions, solutions)
         proposed, nearest = list[StrategyProposal](), None
-        for batch in propose(state.expected if state.lost else predictions.first[0].G):
+        for batch in propose(state.expected if state.lost else predictions.first[0].G, found):
             proposed += batch
             solutions.add([proposal.hypothesis for proposal in batch])
             found = answer = solutions.decide_among()
@@ -462,6 +463,7 @@ class Moved(NamedTuple):
         view: the outline that was laid on the image, or found in it.
         covariance: (8, 8) of the pose's error, with what the model does not know.
         reason: why it is not believed.
+        switch: why another strategy carried them than the last answer's; empty where none did.
     """
 
     decision: Decision
@@ -470,6 +472,7 @@ class Moved(NamedTuple):
     view: View | None = None
     covariance: Floats | None = None
     reason: StatusReason = StatusReason()
+    switch: str = ""
 
 
 class Registration:

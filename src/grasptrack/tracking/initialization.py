@@ -37,7 +37,7 @@ from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.pose import contact_tolerance
 from grasptrack.tracking.state import SEEN
-from grasptrack.tracking.strategies import Carrier, carrier_for
+from grasptrack.tracking.strategies import PAPER, Carrier, carrier_for
 from grasptrack.transfer import strategy_named
 from grasptrack.typing import Floats
 
@@ -354,7 +354,7 @@ def synthesize_grasps(
     found = synthesize(own[0], fingers, friction, top=TRIED_GRASPS, hand=hand, neighbours=neighbours)
     back = np.linalg.inv(H)
     ranked: list[Grasp] = [g if plane is None else Grasp(apply_homography(back, g.contacts), g.quality) for g in found]
-    if strategy == AUTO and ranked:
+    if strategy in (AUTO, PAPER) and ranked:
         # among grasps that are nearly as good, the first that most descriptions can carry
         count = sum(g.quality >= NEARLY_AS_GOOD * ranked[0].quality for g in ranked)
         ranked[:count] = sorted(ranked[:count], key=lambda g: -count_describing_strategies(g, view))

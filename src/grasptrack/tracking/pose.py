@@ -9,7 +9,7 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.equality import compared_by_value
-from grasptrack.geometry.homographies import HORIZON
+from grasptrack.geometry.homographies import HORIZON, MOTIONS, homography_jacobian, similarity_transform
 from grasptrack.kernels import PoseEstimate as PoseEstimate
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Target
@@ -21,6 +21,8 @@ TURNED, TRIED = "turned", "tried turn"
 """Origins of a hypothesis that lays the outline on itself in another way, and of one that holes may tell from it."""
 SMALLEST_AREA, LARGEST_AREA = 0.02, 30.0
 """Areas relative to the first view's between which an object is looked for: seven times as far, five times as near."""
+STEP = 1e-6
+"""Of what a similarity changes, for its derivatives."""
 PLACE_FREEDOMS = 4.0
 """Of an object in its plane: place, turn and size."""
 SAME_PLACE = 0.5
@@ -75,6 +77,30 @@ def lead_alike(target: Target, one: Hypothesis | PoseEstimate, other: Hypothesis
     """Whether one of two poses lies within the uncertainty of the other, so that both lead to the same answer."""
     d = target.pose_difference(other.G, one.G)
     return bool(np.isfinite(d).all()) and min(float(d @ np.linalg.solve(P, d)) for P in (other.P, one.P)) < 1.0
+
+
+def similarity_is_enough(target: Target, start: Floats, G: Floats, P: Floats) -> bool:
+    """Whether the motion from one pose to another is of 4 DoF, as far as the second is known.
+
+    What the similarity that comes nearest misses is no more than noise makes of a similarity but for the risk: chi-squared with
+    the four freedoms that a homography has beyond it.
+
+    Args:
+        target: the object.
+        start: (3, 3) the pose from which it moved.
+        G: (3, 3) the pose to which it did.
+        P: (8, 8) covariance of the error of G, work px^2.
+    """
+    H, before = G @ np.linalg.inv(start), mean_point(carried_in_front(start, target.centre[None]))
+    a, b, c, d = homography_jacobian(H, *before)
+    after = mean_point(carried_in_front(H, np.array([before])))
+    near = similarity_transform(0.5 * math.hypot(a + d, c - b), math.atan2(c - b, a + d), before, after)
+    missed = target.pose_difference(near @ start, G)
+    freedoms = [target.pose_difference(near @ start, (np.eye(3) + STEP * M) @ near @ start) for M in MOTIONS[:4]]
+    J = np.column_stack([missed, *freedoms])
+    A = J.T @ np.linalg.solve(P, J)
+    squared = float(A[0, 0] - A[0, 1:] @ np.linalg.solve(A[1:, 1:], A[1:, 0]))
+    return math.exp(-0.5 * squared) * (1.0 + 0.5 * squared) >= target.numbers.risk
 
 
 def distinct_hypotheses(target: Target, hypotheses: list[Hypothesis]) -> list[Hypothesis]:

@@ -68,6 +68,7 @@ class TrackResult:
             answer is no news of the scene.
         instance_id: number of the instance in a `SceneTracker`, from 1; None of a tracker of one object.
         part_id: name of its part; empty of a tracker of one object.
+        switch: where `strategy` is another than that of the answer before, both names and why; else empty.
     """
 
     frame: int
@@ -103,6 +104,7 @@ class TrackResult:
     last_seen: NDArray[np.int64] | None = None
     instance_id: int | None = None
     part_id: str = ""
+    switch: str = ""
 
     def __repr__(self) -> str:
         at = "" if self.contacts is None else ", " + " ".join(f"{x:.2f},{y:.2f}" for x, y in self.contacts.tolist())

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.errors import ConditioningError, ObservationError, TransferError
+from grasptrack.errors import ConditioningError, GraspTrackError, ObservationError, StrategyError, TransferError
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
@@ -17,15 +17,19 @@ from grasptrack.images import Grey
 from grasptrack.segmentation.outline_detector import MAX_TRIED, OutlineDetector
 from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.camera import Beforehand
+from grasptrack.tracking.decision import Decision
 from grasptrack.tracking.follower import AUTO, Follower, Moved, Registration, StrategyProposal
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import NUMBERS, Numbers
-from grasptrack.tracking.pose import Hypothesis
+from grasptrack.tracking.pose import Hypothesis, PoseEstimate, contact_tolerance, share_in_view, similarity_is_enough
 from grasptrack.tracking.redetection import wide_prior
-from grasptrack.transfer import rrp, strategy_named
+from grasptrack.transfer import STRATEGIES, rrp, strategy_named
 from grasptrack.transfer.alignment import as_similarity, find_alignments
+from grasptrack.transfer.choice import StrategyChoice, TransferContext, choose_strategy
 from grasptrack.typing import Floats
 
+PAPER = "paper"
+"""Name of the strategy that chooses one of the paper's for each image."""
 UNLIKE = 0.25
 """Outlines that a similarity brings no nearer than this fraction of sqrt(area), rms, are not the same, however they tilt."""
 OUTLINE = 64
@@ -36,7 +40,7 @@ class Carrier(Protocol):
     """Carries one grasp to image after image.
 
     Attributes:
-        name: of the strategy, as results tell it.
+        name: of the strategy that gave the last answer, as results tell it.
         follower: knows where the object is.
     """
 
@@ -61,7 +65,7 @@ def carrier_for(
     """What carries a grasp from the view in which it was chosen.
 
     Args:
-        strategy: "auto" or the name of one of the paper's.
+        strategy: "auto", "paper", or the name of one of the paper's.
         grasp, view: contacts and outline of the object.
         grey, time: (H, W) the image and when it was taken, s.
         observer: of the object.
@@ -71,11 +75,17 @@ def carrier_for(
     Raises:
         TransferError: the strategy cannot describe the grasp on this outline.
     """
+    if strategy == PAPER:
+        extractors, refused = describe_by_all(grasp, view, grey)
+        if not extractors:
+            raise TransferError("; ".join(refused))
+        follower = Follower(grey, view, grasp.contacts, time, observer, numbers, before)
+        return Switching(follower, extractors, observer, TransferContext.of(grasp, view, predicted=True))
     extractor = None if strategy == AUTO else make_extractor(strategy, grasp, view, grey)
     follower = Follower(grey, view, grasp.contacts, time, observer, numbers, before)
     if extractor is None:
         return Registration(follower)
-    return Alone(strategy, follower, extractor, observer)
+    return Alone(strategy, follower, {strategy: extractor}, observer)
 
 
 # --- the paper's strategies ----------------------------------------------------------------------
@@ -147,18 +157,25 @@ class Silhouettes:
 class Snakes:
     """RRP: a snake follows the outline as a whole, and the contacts are places on it (Section IV-A).
 
+    Args:
+        grasp, reference, grey: contacts, outline and image (H, W) of the first view.
+        exact: contacts keep their distance from the snake's outline there, which a spline rounds: other strategies carry the
+            very same points.
+
     Raises:
         TransferError: the outline lies on no edge of the image.
     """
 
     segments = False
 
-    def __init__(self, grasp: Grasp, reference: View, grey: Grey) -> None:
+    def __init__(self, grasp: Grasp, reference: View, grey: Grey, *, exact: bool = False) -> None:
         try:
             self._snake = Snake(reference, grey, contacts=grasp.contacts)
         except ObservationError as error:
             raise TransferError(str(error)) from None
         self._description = rrp.describe(grasp, self._snake.template)
+        placed = rrp.apply(self._description, self._snake.template).grasp.contacts
+        self._beside = grasp.contacts - placed if exact else np.zeros_like(placed)
 
     def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
         """See Extractor; the view is not looked at. Without a prior the snake's own filter predicts."""
@@ -170,12 +187,24 @@ class Snakes:
         if not fit.ok:
             raise TransferError(fit.reason)
         followed = self._snake.view(fit)
-        return Carried(rrp.apply(self._description, followed).grasp.contacts, fit.homography, followed)
+        contacts = rrp.apply(self._description, followed).grasp.contacts + self._beside @ fit.homography[:2, :2].T
+        return Carried(contacts, fit.homography, followed)
 
 
-def make_extractor(strategy: str, grasp: Grasp, view: View, grey: Grey) -> Extractor:
-    """What carries a grasp by one of the paper's strategies from the outline in an image to others."""
-    return Snakes(grasp, view, grey) if strategy == "rrp" else Silhouettes(strategy, grasp, view)
+def make_extractor(strategy: str, grasp: Grasp, view: View, grey: Grey, *, exact: bool = False) -> Extractor:
+    """What carries a grasp by one of the paper's strategies from the outline in an image to others; `exact` as of `Snakes`."""
+    return Snakes(grasp, view, grey, exact=exact) if strategy == "rrp" else Silhouettes(strategy, grasp, view)
+
+
+def describe_by_all(grasp: Grasp, view: View, grey: Grey) -> tuple[dict[str, Extractor], list[str]]:
+    """What carries a grasp from an image (H, W), by the name of each of the paper's strategies, and why the others do not."""
+    found, refused = dict[str, Extractor](), list[str]()
+    for name in STRATEGIES:
+        try:
+            found[name] = make_extractor(name, grasp, view, grey, exact=True)
+        except GraspTrackError as error:  # as `TransferContext.of` has it
+            refused.append(f"{name}: {error}")
+    return found, refused
 
 
 class Alone:
@@ -184,16 +213,21 @@ class Alone:
     Args:
         name: of the strategy.
         follower: of the object.
-        extractor: the strategy.
+        extractors: it by its name, described from the first view.
         observer: finds contours; it has been told which object is meant.
     """
 
-    def __init__(self, name: str, follower: Follower, extractor: Extractor, observer: OutlineDetector) -> None:
+    def __init__(
+        self, name: str, follower: Follower, extractors: dict[str, Extractor], observer: OutlineDetector
+    ) -> None:
         self.name, self.follower = name, follower
-        self._extractor, self._observer = extractor, observer
-        view = follower.target.view
-        self._reference = view
-        self._missed = 0
+        self._observer, self._missed = observer, 0
+        self._reasons: dict[str, str] = {}  # why each strategy was asked of the last image
+        self._describe(extractors, follower.target.view, None)
+
+    def _describe(self, extractors: dict[str, Extractor], view: View, H: Floats | None) -> None:
+        """Carry on from the image in which this is the outline: H (3, 3) leads there from the first one, None is none."""
+        self._extractors, self._reference, self._base = extractors, view, H
         self._outline = np.ascontiguousarray(view.outer.points[:: max(1, len(view.outer) // OUTLINE)])
         self._holes = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)
 
@@ -201,7 +235,9 @@ class Alone:
         """See Carrier."""
         tried: list[StrategyProposal] = []
         refused: list[str] = []
-        decision, chosen = self.follower.judge(grey, time, lambda G: self._propose_transfers(grey, G, tried, refused))
+        decision, chosen = self.follower.judge(
+            grey, time, lambda G, found: self._propose_transfers(grey, G, self._order(grey, G, found), tried, refused)
+        )
         if chosen is None:  # of its contacts nothing can be said
             self._missed += 1
             decision = replace(decision, probability_off=1.0, doubt=decision.code or "no-transfer")
@@ -217,46 +253,76 @@ class Alone:
         answer = decision.with_risk(self.follower.risk)
         if answer.estimate is None or not answer.is_accepted:
             return Moved(answer, reason=StatusReason(answer.code, answer.figures))
-        covariance = self.follower.pose_covariance(answer.estimate)
-        return Moved(answer, chosen.contacts, chosen.homography, chosen.view, covariance)
+        covariance, before = self.follower.pose_covariance(answer.estimate), self.name
+        self.name = chosen.hypothesis.origin
+        switch = "" if self.name == before else f"{before} to {self.name}: {self._reasons[self.name]}"
+        return Moved(answer, chosen.contacts, chosen.homography, chosen.view, covariance, switch=switch)
+
+    def _expected(self, G: Floats) -> Floats:
+        """(3, 3) from the image in which the strategies describe the grasp to one that shows the object through G (3, 3)."""
+        H = self.follower.target.homography(G)
+        return H if self._base is None else H @ np.linalg.inv(self._base)
+
+    def _order(self, grey: Grey, G: Floats, found: Decision) -> Iterator[str]:
+        """Strategies to try in an image (H, W), given the pose (3, 3) that is expected and what was found without them."""
+        yield from self._extractors
 
     def _propose_transfers(
-        self, grey: Grey, G: Floats, tried: list[StrategyProposal], refused: list[str]
+        self, grey: Grey, G: Floats, order: Iterator[str], tried: list[StrategyProposal], refused: list[str]
     ) -> Iterator[list[StrategyProposal]]:
         """Transfers to contours near an expected pose first, then to any that are alike; notes them, and why there is none."""
         target, missed = self.follower.target, self._missed
-        expected, P = target.homography(G), wide_prior(target)
+        expected, P = self._expected(G), wide_prior(target)
 
-        def transfer_proposals(view: View | None, *priors: Floats | None) -> list[StrategyProposal]:
+        def transfer_proposals(name: str, view: View | None, *priors: Floats | None) -> list[StrategyProposal]:
             found = []
             for prior in priors:
                 try:
-                    carried = self._extractor.carry(grey, view, prior)
+                    carried = self._extractors[name].carry(grey, view, prior)
                 except TransferError as error:
                     refused.append(str(error))
                     continue
-                found.append(StrategyProposal(Hypothesis(self.name, target.pose(carried.homography), P), *carried))
+                if self._base is not None:
+                    carried = carried._replace(homography=carried.homography @ self._base)
+                found.append(StrategyProposal(Hypothesis(name, target.pose(carried.homography), P), *carried))
             tried.extend(found)
             return found
 
-        if not self._extractor.segments:
-            yield transfer_proposals(None, expected if missed else None)
-        known: View | None = None
+        seen: list[View] = []
+        near: Iterator[View] = iter(())
         try:
             outline, holes = apply_homography(expected, self._outline), apply_homography(expected, self._holes)
+            near = self._observer.views_near(grey, outline, holes)
         except ConditioningError:
+            outline = np.empty((0, 2))
+
+        def near_views() -> Iterator[View]:
+            yield from tuple(seen)
+            for view in near:
+                seen.append(view)
+                yield view
+
+        asked, following = list[str](), list[str]()
+        for name in order:
+            asked.append(name)
+            if not self._extractors[name].segments:
+                following.append(name)
+                yield transfer_proposals(name, None, expected if missed or name != self.name else None)
+                continue
+            for view in near_views():
+                yield transfer_proposals(name, view, self._correct_homography(expected, outline, view))
+                yield transfer_proposals(name, view, *self._align_reference(view))
+        if not len(outline):
             return
-        for view in self._observer.views_near(grey, outline, holes):
-            known = view
-            if self._extractor.segments:
-                yield transfer_proposals(view, self._correct_homography(expected, outline, view))
-            yield transfer_proposals(view, *self._align_reference(view))
+        for view in near_views() if following else ():
+            for name in following:
+                yield transfer_proposals(name, view, *self._align_reference(view))
         area = abs(kernels.polygon_moments(outline, np.array([0, len(outline)], dtype=np.int64))[0])
-        for views in self._observer.views_anywhere(grey, area, missed, known):
+        for views in self._observer.views_anywhere(grey, area, missed, seen[-1] if seen else None):
             alike = sorted((self._shape_difference(view), i) for i, view in enumerate(views))
             for unlike, i in alike[:MAX_TRIED]:
-                if unlike <= UNLIKE:
-                    yield transfer_proposals(views[i], *self._align_reference(views[i]))
+                for name in asked if unlike <= UNLIKE else ():
+                    yield transfer_proposals(name, views[i], *self._align_reference(views[i]))
 
     def _correct_homography(self, H: Floats, outline: Floats, view: View) -> Floats:
         """A predicted homography moved and scaled so that the outline's centroid and area are those observed."""
@@ -280,3 +346,91 @@ class Alone:
             return math.inf
         found = find_alignments(self._reference.outer, view.outer)
         return found[0].residual / math.sqrt(view.outer.area) if found else 0.0
+
+
+def choices_in_turn(context: TransferContext) -> Iterator[StrategyChoice]:
+    """What `choose_strategy` takes, then what it takes where that fails: its outline is not tracked, or the motion another.
+
+    Each strategy comes once, with the reason why it is its turn. The last ones may not suffice: whether an answer is right is
+    not decided here.
+    """
+    untracked, another = {"tracked": False}, {"dof": 4 if context.dof > 4 else 6}
+    before: list[str] = []
+    for change in ({}, untracked, another, another | untracked):
+        try:
+            name, reason = choose_strategy(replace(context, **change))
+        except StrategyError:
+            continue
+        if name not in before:
+            failed = f"no answer of {' or '.join(before)} is believed"
+            yield StrategyChoice(name, failed if before else reason or "it suffices, and costs least")
+            before.append(name)
+
+
+class Switching(Alone):
+    """The paper's strategies in turn: in each image the one that `choose_strategy` takes (Sections III and V).
+
+    All of them describe the grasp from one view, so that a switch carries no error of the images between: whichever strategy
+    answers, it is the physical grasp of that view. It is the first one. Where the border cuts the object there, it is the first
+    later one that shows it whole and in which the grasp was believed; the contacts are then where the follower has them, which
+    lays the first view on every image and knows no chain either.
+
+    What the choice hangs on is seen anew in each image: the outline is whole where it is expected within the image, tracked
+    where there is a snake, and the motion is of 4 DoF while `similarity_is_enough`. The follower predicts every image. Time
+    decides by the order of the costs. A strategy that refuses an image, or whose answer is not believed there, gives way to the
+    next of `choices_in_turn`.
+
+    Args:
+        follower, extractors, observer: as of `Alone`.
+        context: of the grasp in the first view.
+    """
+
+    def __init__(
+        self,
+        follower: Follower,
+        extractors: dict[str, Extractor],
+        observer: OutlineDetector,
+        context: TransferContext,
+    ) -> None:
+        self._context = replace(context, tracked="rrp" in extractors)
+        super().__init__(choose_strategy(self._context).strategy, follower, extractors, observer)
+
+    def move(self, grey: Grey, time: float | None) -> Moved:
+        """See Carrier."""
+        moved = super().move(grey, time)
+        if moved.contacts is not None and moved.decision.estimate is not None and self._reference.is_clipped:
+            self._describe_whole(grey, moved.decision.estimate)
+        return moved
+
+    def _describe_whole(self, grey: Grey, estimate: PoseEstimate) -> None:
+        """Describe the grasp anew where an outline in an image (H, W) is whole and holds what the first view shows of it."""
+        H = self.follower.target.homography(estimate.G)
+        if share_in_view(H, self._outline, grey) < 1.0:
+            return
+        allowed, outer = contact_tolerance(estimate.area, self.follower.state.numbers), self._reference.outer
+        cut = np.zeros(len(outer), np.bool_) if outer.clipped is None else outer.clipped
+        shown = apply_homography(H, outer.points[~cut])
+        for view in (v for views in self._observer.views_anywhere(grey, estimate.area, 0) for v in views):
+            off = kernels.project_to_contour(view.outer.points, view.outer.offsets, shown)[:, 2]
+            grasp = Grasp(estimate.contacts)
+            if view.is_clipped or not off.max() < allowed:
+                continue
+            extractors, _ = describe_by_all(grasp, view, grey)
+            if extractors:
+                self._describe(extractors, view, H)
+                self._context = TransferContext.of(grasp, view, tracked="rrp" in extractors, predicted=True)
+                return
+
+    def _order(self, grey: Grey, G: Floats, found: Decision) -> Iterator[str]:
+        """See Alone."""
+        target, e, context = self.follower.target, found.estimate, self._context
+        if e is not None and found.is_accepted:
+            start = target.A if self._base is None else target.pose(self._base)
+            enough = similarity_is_enough(target, start, e.G, self.follower.pose_covariance(e))
+            context = self._context = replace(context, dof=4 if enough else 6)
+        if share_in_view(self._expected(G), self._outline, grey) < 1.0:
+            context = replace(context, whole=False)
+        self._reasons = {}
+        for name, reason in choices_in_turn(context):
+            self._reasons[name] = reason
+            yield name

@@ -43,7 +43,7 @@ from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.plane import make_ruler
 from grasptrack.tracking.result import LocatedResult, TrackResult, UnlocatedResult
-from grasptrack.transfer import STRATEGIES, strategy_names
+from grasptrack.transfer import check_strategy
 from grasptrack.typing import StrategyName
 from grasptrack.undistortion import Undistortion
 
@@ -56,7 +56,8 @@ class GraspTracker:
 
     Args:
         fingers: number of contacts to synthesise, 2 or 3.
-        strategy: "auto", "rrp", "grasp-line", "homography", or one that a package registered as `grasptrack.strategies`.
+        strategy: "auto", "rrp", "grasp-line", "homography", "paper": the cheapest of these three that suffices, chosen anew in
+            each image by `choose_strategy`; or one that a package registered as `grasptrack.strategies`.
         friction: Coulomb coefficient for synthesis and analysis.
         grasp: (k, 2) px contacts in the first image, in place of synthesis; they choose the object.
         object_at: (x, y) px of the object in the first image, or several, all on it.
@@ -408,8 +409,7 @@ def _checked_fingers(fingers: int, strategy: str, given: Grasp | None) -> int:
     Raises:
         StrategyError, GraspError: what cannot be synthesised or carried.
     """
-    if strategy not in (AUTO, *STRATEGIES) and strategy not in strategy_names():
-        raise StrategyError(f'unknown strategy "{strategy}"; choose from {", ".join((AUTO, *strategy_names()))}')
+    check_strategy(strategy)
     if fingers < 2:
         raise GraspError(f"a grasp has at least 2 fingers, not {fingers}", fingers=fingers)
     if strategy == "grasp-line" and fingers != 2:

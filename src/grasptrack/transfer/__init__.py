@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from types import ModuleType
-from typing import cast
+from typing import cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,9 @@ from grasptrack.transfer import grasp_line, homography, rrp
 from grasptrack.transfer.base import Transfer, TransferStrategy
 from grasptrack.typing import StrategyName
 
-__all__ = ["STRATEGIES", "Transfer", "TransferStrategy", "strategy_named", "strategy_names", "transfer"]
+__all__ = [
+    "STRATEGIES", "Transfer", "TransferStrategy", "check_strategy", "strategy_named", "strategy_names", "transfer",
+]  # fmt: skip
 
 _MODULES: dict[str, ModuleType] = {"rrp": rrp, "grasp-line": grasp_line, "homography": homography}
 STRATEGIES: tuple[str, ...] = tuple(_MODULES)
@@ -28,6 +30,18 @@ STRATEGIES: tuple[str, ...] = tuple(_MODULES)
 def strategy_names() -> tuple[str, ...]:
     """The paper's strategies, then those of other packages."""
     return (*STRATEGIES, *(name for name in plugin_names("grasptrack.strategies") if name not in STRATEGIES))
+
+
+def check_strategy(name: str) -> str:
+    """The name of a strategy by which a tracker can carry a grasp: one of `StrategyName`, or one that a package registered.
+
+    Raises:
+        StrategyError: it is none.
+    """
+    known = get_args(StrategyName)
+    if name not in known and name not in (choices := tuple(dict.fromkeys((*known, *strategy_names())))):
+        raise StrategyError(f'unknown strategy "{name}"; choose from {", ".join(choices)}', name=name)
+    return name
 
 
 def strategy_named(name: str) -> TransferStrategy:
