@@ -14,7 +14,6 @@ import grasptrack as gt
 from grasptrack.tracking.strategies import PAPER
 from grasptrack.transfer import STRATEGIES
 from grasptrack.typing import Floats
-from grasptrack_bench.method import score_sequence
 from grasptrack_bench.methods import method_makers
 from grasptrack_bench.metrics.score import FrameScore, errors_of
 from grasptrack_bench.scenes import ScenePart, built_in, parts_from_silhouettes, show_scene
@@ -45,12 +44,13 @@ class PathCase(NamedTuple):
 
 
 def follow_path(case: PathCase) -> Scores:
-    """Scored frames of each method, the first left out; none where the first view has no grasp."""
+    """Scored frames of each method, which runs by itself, the first left out; none where the first view has no grasp."""
     try:
-        start, shown = show_scene(case.scene())
+        start, _ = show_scene(case.scene())
     except gt.GraspError:
         return {}
-    return {name: frames[1:] for name, frames in score_sequence(shown, method_makers(METHODS), start).items()}
+    frames, makers = list(case.scene()), method_makers(METHODS)
+    return {name: common.score_alone(make, start, frames).frames[1:] for name, make in makers.items()}
 
 
 def count_switches(frames: list[FrameScore]) -> int:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import grasptrack as gt
 from grasptrack.errors import InputError, StrategyError
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
+from grasptrack.io.results import Tally
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.pose import similarity_is_enough
 from grasptrack.tracking.strategies import choices_in_turn
@@ -230,6 +231,11 @@ def test_each_switch_is_told_with_its_reason_and_nothing_else_is():
         for before, r in changed:
             assert r.switch.startswith(f"{before} to {r.strategy}: ")
             assert ("4 DoF" in r.switch) == (r.strategy == "homography")
+        tally = Tally()
+        for r in answers:
+            tally.add(r)
+        told = tally.summary(1.0, "finished", {}).figures()["switches"]
+        assert sum(told.values()) == len(changed) and set(told) == {r.switch for _, r in changed}
 
 
 def test_what_the_border_cuts_first_is_described_where_it_is_whole():
