@@ -21,7 +21,7 @@ Box = tuple[float, float, float, float]
 
 Status = Literal["searching", "tracked", "unstable", "lost"]
 """What a tracker says of one frame."""
-StrategyName = Literal["auto", "paper", "rrp", "grasp-line", "homography"]
+StrategyName = Literal["auto", "rrp", "grasp-line", "homography", "paper"]
 """The strategies of this package. Where one is asked for, any text passes, for other packages register theirs."""
 
 Progress = Callable[[str, int, int], None]
