@@ -391,7 +391,7 @@ def test_a_grasp_in_metres_is_a_pose_and_markers(cell: Cell) -> None:
 
 def test_whole_numbers_serve_as_numbers(world: World, tmp_path: Path) -> None:
     cell = enabled(world, tmp_path, time_limit=30, opening=0, fingertips=[], gripper_effort=5)
-    assert cell.node._steering._asked.time_limit == 30.0
+    assert cell.servo._time_limit == 30.0
 
 
 @pytest.mark.parametrize(

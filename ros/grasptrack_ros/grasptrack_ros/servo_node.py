@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from control_msgs.action import GripperCommand
@@ -19,12 +20,13 @@ from std_srvs.srv import SetBool, Trigger
 from tf2_ros import Buffer, TransformException, TransformListener
 from visualization_msgs.msg import MarkerArray
 
+import grasptrack as gt
 from grasptrack.errors import InputError
+from grasptrack.servo.steering import SLOW, Steering
 from grasptrack.typing import Floats
 from grasptrack_ros import messages
 from grasptrack_ros.managed import ManagedNode, guarded, run
 from grasptrack_ros.parameters import read_parameters
-from grasptrack_ros.steering import ServoParameters, Steering
 from grasptrack_ros.tracking import pose_matrix, stamp_ns
 
 RATES = 20.0, 1000.0
@@ -57,6 +59,73 @@ class NodeParameters:
     gripper_reports_opening: bool = False
 
 
+@dataclasses.dataclass(frozen=True)
+class ServoParameters:
+    """What the servo is told, by the names of the node's parameters.
+
+    Attributes:
+        goal: a file of `Goal.save`, or of the live page's fingertips; empty where `fingertips` says it.
+        fingertips: x1, y1, x2, y2, ... px of the open gripper's fingertips in the images.
+        opening: m between the first two.
+        beyond: m by which they shall reach past the contacts.
+        dof: 4, or 6 with the tilt.
+        width, height: px of the images.
+        linear, angular: m/s and rad/s, the limits.
+        linear_acceleration, angular_acceleration: m/s^2 and rad/s^2.
+        time_limit: s after which it gives up.
+        max_age: s, the oldest image that counts, by its stamp; 0 for three times what lies between images, at least 0.3 s.
+        retries: how often it tries again after closing on nothing.
+        zero_twists: how many zero twists end an approach, so that one that is lost does no harm.
+    """
+
+    goal: str = ""
+    fingertips: tuple[float, ...] = ()
+    opening: float = 0.0
+    beyond: float = 0.0
+    dof: int = 4
+    width: int = 640
+    height: int = 480
+    linear: float = SLOW.linear
+    angular: float = SLOW.angular
+    linear_acceleration: float = SLOW.linear_acceleration
+    angular_acceleration: float = SLOW.angular_acceleration
+    time_limit: float = 60.0
+    max_age: float = 0.0
+    retries: int = 0
+    zero_twists: int = 5
+
+    def make_goal(self) -> gt.Goal:
+        """The goal that the parameters name.
+
+        Raises:
+            InputError: none, two, or one that is none.
+        """
+        if bool(self.goal) == bool(self.fingertips):
+            raise InputError("the servo needs one goal: the parameter goal (a file), or fingertips and opening")
+        if self.goal:
+            return gt.Goal.load(Path(self.goal))
+        if len(self.fingertips) % 2:
+            raise InputError(f"fingertips are x1, y1, x2, y2, ...: an even count, not {len(self.fingertips)}")
+        points = [self.fingertips[i : i + 2] for i in range(0, len(self.fingertips), 2)]
+        return gt.Goal.fingertips(points, self.opening, beyond_m=self.beyond)
+
+    def make_servo(self) -> gt.GraspServo:
+        """A servo of these parameters.
+
+        Raises:
+            InputError: parameters that it refuses.
+        """
+        return gt.GraspServo(
+            self.make_goal(),
+            self.dof,
+            size=(self.width, self.height),
+            limits=gt.Limits(self.linear, self.angular, self.linear_acceleration, self.angular_acceleration),
+            time_limit=self.time_limit,
+            max_age=self.max_age or None,
+            retries=self.retries,
+        )
+
+
 class ServoNode(ManagedNode):
     """Topics, services, parameters and states as ros/README.md lists them."""
 
@@ -73,7 +142,8 @@ class ServoNode(ManagedNode):
         self._own = own = read_parameters(self, NodeParameters)
         if not RATES[0] <= own.rate <= RATES[1]:
             raise InputError(f"rate is {RATES[0]:g} Hz or more, {RATES[1]:g} at most, not {own.rate:g}")
-        steering = Steering(read_parameters(self, ServoParameters))
+        asked = read_parameters(self, ServoParameters)
+        steering = Steering(asked.make_servo, asked.zero_twists)
         self._tf = Buffer()
         self.opened.callback(TransformListener(self._tf, self).unregister)
         self._twists = self.publisher(TwistStamped, "~/twist_cmds")
