@@ -104,6 +104,22 @@ def read_json(text: str) -> dict[str, Any]:
     return found
 
 
+def read_toml(text: str) -> dict[str, Any]:
+    """The keys of TOML.
+
+    Raises:
+        InputError: it cannot be read, or Python is older than 3.11.
+    """
+    try:
+        import tomllib
+    except ImportError:
+        raise InputError("is TOML, which Python reads from 3.11 on") from None
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"is no TOML that can be read: {error}") from None
+
+
 def read_yaml(text: str) -> Any:
     """The first document of YAML as dictionaries, lists, numbers and words, OpenCV's dialect included.
 

@@ -10,6 +10,8 @@ import sys
 _LINE_ENDS = re.compile(r"\s*[\r\n]\s*")
 LONGEST = 300
 """Characters of a message."""
+SIM_EXTRA = '".[sim]" '
+"""Of this package, which the simulation of grasptrack-bench needs beside it."""
 
 
 def one_line(text: str) -> str:
@@ -42,6 +44,11 @@ def own_pip() -> str:
 def install_hint(extra: str) -> str:
     """How to install what an extra of this package adds."""
     return f'{own_pip()} install "grasptrack[{extra}]"'
+
+
+def bench_hint(extra: str = "") -> str:
+    """How to install what the distribution grasptrack-bench adds."""
+    return f"which is not installed: {own_pip()} install {extra}./bench in a checkout"
 
 
 def without_kernels(why: str) -> ImportError:

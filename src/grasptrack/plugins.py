@@ -25,6 +25,7 @@ Group = Literal[
     "grasptrack.recorders",
     "grasptrack.methods",
     "grasptrack.verbs",
+    "grasptrack.arms",
 ]
 
 

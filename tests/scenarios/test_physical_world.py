@@ -13,7 +13,7 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.typing import Floats
 from grasptrack_bench.approach.case import ApproachCase, Row
 from grasptrack_bench.approach.runs import Trials
-from grasptrack_bench.approach.trial import Step, _grasp_axis_angle, run_trial
+from grasptrack_bench.approach.trial import Step, grasp_axis_angle, run_trial
 from grasptrack_bench.approach.truth import pairs_that_close
 from grasptrack_bench.physics import frames
 from grasptrack_bench.physics.gripper import make_gripper
@@ -222,7 +222,7 @@ def test_the_fingertips_are_where_the_hand_is_drawn_and_the_mask_covers_it() -> 
 def test_brute_force_finds_pairs_on_what_can_be_taken_and_none_on_what_is_too_wide() -> None:
     assert pairs_that_close(SHAPES["rectangle"](), 0.06) > 0
     assert pairs_that_close(SHAPES["disc"](), 0.2) == 0
-    assert _grasp_axis_angle(SHAPES["rectangle"](), make_gripper(2)) is not None
+    assert grasp_axis_angle(SHAPES["rectangle"](), make_gripper(2)) is not None
 
 
 def test_bad_input_is_told_in_one_line() -> None:

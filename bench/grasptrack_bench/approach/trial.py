@@ -188,7 +188,7 @@ def run_trial(case: ApproachCase, watch: Watch | None = None) -> tuple[Row, byte
         arm=case.arm,
         fingers=case.fingers,
         images=case.images,
-        axis=_grasp_axis_angle(case.shape, make_gripper(case.fingers)),
+        axis=grasp_axis_angle(case.shape, make_gripper(case.fingers)),
     )
     run = _Run(world, case, row, watch)
     try:
@@ -342,7 +342,7 @@ def _nominal_camera(law: Law) -> NominalCamera | None:
     return NominalCamera(NOMINAL_FOCAL, mounting, distance=2.0 * math.hypot(NOMINAL_ASIDE, NOMINAL_HEIGHT))
 
 
-def _grasp_axis_angle(shape: Shape, hand: Gripper) -> float | None:
+def grasp_axis_angle(shape: Shape, hand: Gripper) -> float | None:
     """rad, where x of the hand points in the best grasp on the true outline; None where there is none."""
     scale = 150.0
     outline = View([Contour(subdivide_polygon(r, 0.02) * scale, hole=k > 0) for k, r in enumerate(shape.polygons)])

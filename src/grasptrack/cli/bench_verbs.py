@@ -7,7 +7,7 @@ import typer
 
 from grasptrack.cli import help_groups
 from grasptrack.cli.help_groups import with_options
-from grasptrack.errors import InputError, own_pip
+from grasptrack.errors import InputError, bench_hint
 from grasptrack.plugins import load_plugin
 
 SHORT_HELP = {
@@ -32,10 +32,7 @@ def load_verb(name: str) -> Any:
     """The command of a verb of grasptrack-bench."""
     found = load_plugin("grasptrack.verbs", name)
     if found is None:
-        raise InputError(
-            f'"{name}" is a verb of grasptrack-bench, which is not installed: {own_pip()} install ./bench in a checkout',
-            name=name,
-        )
+        raise InputError(f'"{name}" is a verb of grasptrack-bench, {bench_hint()}', name=name)
     verbs = found
     if not isinstance(found, typer.Typer):
         verbs = typer.Typer(rich_markup_mode=None, add_completion=False)

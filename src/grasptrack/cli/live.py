@@ -44,6 +44,14 @@ def live(
     until_end: Annotated[
         bool, option(PAGE, None, "End where a file ends, instead of waiting for Restart.", "--until-end")
     ] = False,
+    servo: Annotated[
+        str | None,
+        option(
+            help_groups.ROBOT,
+            "FILE",
+            "Move an arm from the page, while its button is held: a TOML file, see docs/servo.md.",
+        ),
+    ] = None,
     host: Annotated[
         str, option(PAGE, "ADDRESS", "Address to serve at; 0.0.0.0 takes all of this machine's.")
     ] = "127.0.0.1",
@@ -74,12 +82,13 @@ def live(
       grasptrack live video.mp4 --start
       grasptrack live photos --fps 10 --port 0
       grasptrack live camera:0 --host 0.0.0.0 --output run
+      grasptrack live sim:spanner --servo servo.toml
     """
     if name is not None and not re.fullmatch(r"[\w.-]{1,253}|[\da-f.]*(:[\da-f.]*){2,7}", name, re.A | re.I):
         raise InputError("--name is the name or address of a machine, such as robot.local, without http:// or a port")
     options.one_of("--record-as", record_as, RECORDED_AS)
     asked = {**as_asked(grasp, hand, images, known), **first.as_written(), "start": start, "record_as": record_as}
-    asked["publish"] = publish
+    asked |= {"publish": publish, "servo": servo}
     grasp.finger_count(at_most_three=True)
     said = first.first_image(grasp.given_contacts())
     settings = first_image.tracker_settings(grasp, first, hand, known)
@@ -89,19 +98,24 @@ def live(
         raise InputError(f"the live page needs {error.name}: {install_hint('live')}") from None
 
     from grasptrack.files import hold_folder, keep_inputs
+    from grasptrack.io.arms import open_arm
     from grasptrack.io.run import FILES
     from grasptrack.io.sources import open_source
+    from grasptrack.live.servo_desk import ServoDesk
     from grasptrack.live.session import LiveSession
+    from grasptrack.servo.setup import ServoSetup
 
+    setup = None if servo is None else ServoSetup.load(servo)
     frames = open_source(source, images.fps, settings=images.camera_settings())
     keep_inputs((output / name for name in FILES), [*frames.files, *first.files()])
     said = first.with_images(said)
     settings.make_tracker(said)  # what does not go together is told before anything is served
+    desk = None if setup is None else ServoDesk(setup, open_arm(setup.arm, frames))
     publisher = options.open_publisher(publish, quiet)
     listener = bind_socket(host, port)  # before anything in the folder is replaced
     with hold_folder(output), Interruption() as interruption:
         session = LiveSession(
-            frames, settings, output, meant=said, at_once=start, options=asked, record_as=f".{record_as}"
+            frames, settings, output, meant=said, at_once=start, options=asked, record_as=f".{record_as}", servo=desk
         )
         if publisher is not None:
             session.add_listener(publish_moments(publisher))

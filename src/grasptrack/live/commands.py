@@ -150,11 +150,42 @@ class Record:
     on: bool
 
 
+@dataclass(frozen=True)
+class Teach:
+    """This is how it shall look: the contacts as they are seen now become the servo's goal."""
+
+
+@dataclass(frozen=True)
+class Anew:
+    """A new approach of the servo."""
+
+
+@dataclass(frozen=True)
+class Press:
+    """Begin to hold the servo's button."""
+
+
+@dataclass(frozen=True)
+class Keep:
+    """It is held still: the answer to the question of a number."""
+
+    number: int
+
+
+@dataclass(frozen=True)
+class Release:
+    """It is held no more, and why."""
+
+    why: Literal["released", "blur", "hidden"]
+
+
+HoldCommand = Press | Keep | Release
 Command = (
     Pick | Box | Contacts | Outline | Choose | Start | Pause | Restart | Rechoose | Friction | Fingers | Wire | Hover
-    | Fingertips | Record
+    | Fingertips | Record | Teach | Anew
 )  # fmt: skip
 COMMANDS: dict[str, type[Any]] = {kind.__name__.lower(): kind for kind in get_args(Command)}
+HOLD_COMMANDS: dict[str, type[Any]] = {kind.__name__.lower(): kind for kind in get_args(HoldCommand)}
 
 
 def parse_message(text: str | bytes) -> dict[str, Any]:
@@ -172,10 +203,22 @@ def parse_message(text: str | bytes) -> dict[str, Any]:
 
 def command_of(content: dict[str, Any]) -> Command:
     """The command that a message gives."""
+    command: Command = _make_command(content, COMMANDS)
+    _check_ranges(command)
+    return command
+
+
+def hold_command_of(content: dict[str, Any]) -> HoldCommand:
+    """The same, of the servo's button."""
+    command: HoldCommand = _make_command(content, HOLD_COMMANDS)
+    return command
+
+
+def _make_command(content: dict[str, Any], commands: dict[str, type[Any]]) -> Any:
     name = content.get("do")
-    kind = COMMANDS.get(name) if isinstance(name, str) else None
+    kind = commands.get(name) if isinstance(name, str) else None
     if kind is None:
-        raise InputError(f"unknown command {_short_json(name)}; there are {', '.join(COMMANDS)}")
+        raise InputError(f"unknown command {_short_json(name)}; there are {', '.join(commands)}")
     told = {key: value for key, value in content.items() if key != "do"}
     types, known = get_type_hints(kind), {field.name: field for field in fields(kind)}
     for key in told:
@@ -184,9 +227,7 @@ def command_of(content: dict[str, Any]) -> Command:
     missing = [key for key, field in known.items() if field.default is MISSING and key not in told]
     if missing:
         raise InputError(f'"{name}" lacks {", ".join(missing)}')
-    command: Command = kind(**{key: _parse_value(value, types[key], f"{name}.{key}") for key, value in told.items()})
-    _check_ranges(command)
-    return command
+    return kind(**{key: _parse_value(value, types[key], f"{name}.{key}") for key, value in told.items()})
 
 
 def _check_ranges(command: Command) -> None:

@@ -80,6 +80,7 @@ def moment_to_json(shown: Shown) -> bytes:
         "sure": shown.proposal is not None and shown.proposal.is_sure(shown.meant.sure),
         "candidates": [] if shown.proposal is None else _candidate_entries(shown.proposal),
         "verdict": told and {"level": told.level, "expectation": told.expectation, "reasons": told.reasons},
+        "servo": shown.servo and vars(shown.servo),
         "wire": None if shown.wire is None else _wire_entry(shown.wire),
         "hover": None if shown.hover is None else {"image": shown.hover.image, "outline": _line(shown.hover.outline)},
     }

@@ -178,7 +178,7 @@ class Player:
                         self._stopping.wait(clock.wait_for(frame))
                     if self._stopping.is_set():
                         return
-                    arrival = Arrival(frame, time.perf_counter(), self._run)
+                    arrival = Arrival(frame, time.perf_counter() - source.waited, self._run)
                     if source.live:
                         self._inbox.replace_image(arrival)
                     elif not self._inbox.hand_over(arrival):

@@ -15,6 +15,7 @@ import socket
 import struct
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -31,9 +32,10 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from grasptrack.errors import InputError
-from grasptrack.live.commands import LARGEST, command_of, parse_message
+from grasptrack.live.commands import LARGEST, Keep, Press, Release, command_of, hold_command_of, parse_message
 from grasptrack.live.frames import Painter
 from grasptrack.live.guard import TAKEN_AT_ONCE, Door, Guard
+from grasptrack.live.servo_desk import ServoDesk
 from grasptrack.live.session import LiveSession
 from grasptrack.live.state import CurvePoint, Shown
 
@@ -43,6 +45,7 @@ PAGE = {
     "app.js": "text/javascript",
     "connection.js": "text/javascript",
     "picture.js": "text/javascript",
+    "servo.js": "text/javascript",
     "tools.js": "text/javascript",
     "charts.js": "text/javascript",
     "icon.svg": "image/svg+xml",
@@ -60,6 +63,15 @@ ADDRESS_OF = 0x8915
 """Linux's SIOCGIFADDR; elsewhere it fails."""
 FORGIVEN = 100
 """Messages of one browser that may be malformed before it is sent away."""
+ASKED_EVERY = 0.04
+"""s between two questions whether the button is still held."""
+GONE = "the page that held the button was closed, or its connection is lost"
+RELEASED = {
+    "released": "the button was let go of",
+    "blur": "the page that held the button lost the focus",
+    "hidden": "the page that held the button was hidden",
+}
+"""What a page says of why."""
 
 
 class PageServer:
@@ -237,27 +249,33 @@ def make_application(session: LiveSession, hub: Hub) -> Starlette:
         line = {404: "there is no such page", 405: "pages are only read"}.get(status, "this request cannot be answered")
         return PlainTextResponse(line + "\n", status)
 
+    async def serve_hold(socket: WebSocket) -> None:
+        await socket.accept()
+        if session.servo is None:
+            await socket.close(1008, "there is no servo")
+            return
+        await Holding(socket, session.servo).run_both()
+
     routes = [
         Route("/", send_page),
         Route("/page/{name}", send_page),
         Route("/files/{name}", run_file),
         WebSocketRoute("/socket", serve_socket),
+        WebSocketRoute("/hold", serve_hold),
     ]
     return Starlette(routes=routes, exception_handlers={HTTPException: refuse_request, Exception: refuse_request})
 
 
-class Conversation:
-    """One browser: the newest moments go out, commands come in."""
+class Talk(ABC):
+    """One browser at a WebSocket: something is sent, and messages come in."""
 
-    def __init__(self, socket: WebSocket, session: LiveSession, hub: Hub) -> None:
-        self._socket, self._session, self._hub = socket, session, hub
-        self._sent: dict[int, Shown | None] = {}  # what is not drawn yet; None where the image is an old one
-        self._drawn = asyncio.Event()
+    def __init__(self, socket: WebSocket) -> None:
+        self._socket = socket
         self._malformed = 0
 
     async def run_both(self) -> None:
         """Until one side ends it."""
-        tasks = [asyncio.create_task(self._send_moments()), asyncio.create_task(self._receive_messages())]
+        tasks = [asyncio.create_task(self._send_messages()), asyncio.create_task(self._receive_messages())]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -265,9 +283,49 @@ class Conversation:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def _send_moments(self) -> None:
+    @abstractmethod
+    async def _send_messages(self) -> None:
+        """For ever."""
+
+    @abstractmethod
+    def _obey_message(self, content: dict[str, Any]) -> None:
+        """What came; an InputError is told."""
+
+    async def _receive_messages(self) -> None:
+        with contextlib.suppress(WebSocketDisconnect):
+            while True:
+                message = await self._socket.receive()
+                if message["type"] == "websocket.disconnect":
+                    return
+                text = message.get("text")
+                try:
+                    self._obey_message(parse_message(text if text is not None else message.get("bytes") or b""))
+                except InputError as error:
+                    self._malformed += 1
+                    if self._malformed > FORGIVEN:
+                        await self._socket.close(1008, "too many malformed messages")
+                        return
+                    await self._socket.send_text(json.dumps({"error": str(error)}))
+
+
+class Conversation(Talk):
+    """The newest moments go out, commands come in."""
+
+    def __init__(self, socket: WebSocket, session: LiveSession, hub: Hub) -> None:
+        super().__init__(socket)
+        self._session, self._hub = session, hub
+        self._sent: dict[int, Shown | None] = {}  # what is not drawn yet; None where the image is an old one
+        self._drawn = asyncio.Event()
+
+    async def _send_messages(self) -> None:
         number, image, charted = 0, 0, 0
-        hello = {"hello": {"hover": self._session.can_hover, "source": self._session.source_name}}
+        hello = {
+            "hello": {
+                "hover": self._session.can_hover,
+                "source": self._session.source_name,
+                "servo": self._session.servo is not None,
+            }
+        }
         await self._socket.send_text(json.dumps(hello))
         while True:
             shown = await self._hub.next_moment(number)
@@ -283,24 +341,7 @@ class Conversation:
                 await self._drawn.wait()
                 self._drawn.clear()
 
-    async def _receive_messages(self) -> None:
-        with contextlib.suppress(WebSocketDisconnect):
-            while True:
-                message = await self._socket.receive()
-                if message["type"] == "websocket.disconnect":
-                    return
-                text = message.get("text")
-                try:
-                    self._obey_message(text if text is not None else message.get("bytes") or b"")
-                except InputError as error:
-                    self._malformed += 1
-                    if self._malformed > FORGIVEN:
-                        await self._socket.close(1008, "too many malformed messages")
-                        return
-                    await self._socket.send_text(json.dumps({"error": str(error)}))
-
-    def _obey_message(self, text: str | bytes) -> None:
-        content = parse_message(text)
+    def _obey_message(self, content: dict[str, Any]) -> None:
         if content.get("do") == "drawn":
             self._on_drawn(content.get("number"))
             return
@@ -316,6 +357,52 @@ class Conversation:
         self._drawn.set()
         if shown is not None:
             self._hub.record_round_trip(shown)
+
+
+class Holding(Talk):
+    """A page's button that lets the arm move: while it is held the page is asked, again and again, whether it still is.
+
+    What counts is when a question was sent whose answer has come: a late network cannot make a button that was let go of look
+    held for longer.
+    """
+
+    def __init__(self, socket: WebSocket, desk: ServoDesk) -> None:
+        super().__init__(socket)
+        self._desk = desk
+        self._asked: dict[int, float] = {}
+        self._pressed = asyncio.Event()
+
+    async def run_both(self) -> None:
+        """Until it ends, and with it what is held."""
+        try:
+            await super().run_both()
+        finally:
+            self._desk.switch.let_go(GONE, self)
+
+    async def _send_messages(self) -> None:
+        number = 0
+        while True:
+            await self._pressed.wait()
+            while self._desk.switch.holder is self:
+                number += 1
+                self._asked[number] = time.perf_counter()
+                await self._socket.send_text(json.dumps({"held": number}))
+                await asyncio.sleep(ASKED_EVERY)
+            self._pressed.clear()
+            self._asked.clear()
+            await self._socket.send_text(json.dumps({"held": 0}))
+
+    def _obey_message(self, content: dict[str, Any]) -> None:
+        match hold_command_of(content):
+            case Press():
+                self._desk.press(self)
+                self._pressed.set()
+            case Keep(number):
+                if number in self._asked:
+                    self._desk.keep(self, self._asked[number])
+                    self._asked = {other: at for other, at in self._asked.items() if other > number}
+            case Release(why):
+                self._desk.switch.let_go(RELEASED[why], self)
 
 
 def bind_socket(host: str, port: int) -> Door:

@@ -19,6 +19,7 @@ from grasptrack.first_image import FirstImage
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.io.base import Source
 from grasptrack.io.recording import WriterThread, tracking_options
+from grasptrack.io.results import RunSummary
 from grasptrack.live import commands as told
 from grasptrack.live.advisor import (
     Failure,
@@ -33,8 +34,10 @@ from grasptrack.live.advisor import (
 )
 from grasptrack.live.inbox import Arrival, Ended
 from grasptrack.live.loop import SessionLoop
+from grasptrack.live.servo_desk import ServoDesk
 from grasptrack.live.settings import Settings, shared_segmenter
-from grasptrack.live.state import Shown
+from grasptrack.live.state import ServoMoment, Shown
+from grasptrack.servo.goal import Goal
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 
@@ -60,6 +63,7 @@ class LiveSession(SessionLoop):
         options: what the user asked for, for run.json.
         record_as: suffix of recordings: ".mp4", or one that `grasptrack.io.recording.create_recording` takes.
         pace: play files at their own rate; without, as fast as they are tracked.
+        servo: moves an arm by what is followed; None moves none.
     """
 
     def __init__(
@@ -73,6 +77,7 @@ class LiveSession(SessionLoop):
         options: Mapping[str, Any] | None = None,
         record_as: str = ".mp4",
         pace: bool = True,
+        servo: ServoDesk | None = None,
     ) -> None:
         self._settings = replace(settings, segmenter=shared_segmenter(settings.segmenter))
         self._options = dict(options or {})
@@ -86,6 +91,7 @@ class LiveSession(SessionLoop):
         }
         shown = Shown(meant=self._nothing_meant, live=source.live, **of_settings)
         super().__init__(source, output, fingers, shown, options or {}, record_as, pace)
+        self.servo = servo
         self._desk = WireDesk()
         self._tracker: GraspTracker | None = None
         self._grasps_before, self._grasps = 0, 0
@@ -93,6 +99,19 @@ class LiveSession(SessionLoop):
         self._question = 0
         self._chosen_in = 0  # number of the image in which the object was chosen
         self._follow_when_ready = False
+
+    def start(self) -> None:
+        """Begin, in threads of its own."""
+        if self.servo is not None:
+            self.add_listener(self.servo.take_moment)
+            self.servo.start(lambda moment: self._inbox.tell(moment, bounded=False))
+        super().start()
+
+    def stop(self) -> RunSummary | None:
+        """Have the arm stand, end, and make the files whole; may be called again."""
+        if self.servo is not None:
+            self.servo.stop()
+        return super().stop()
 
     @property
     def can_hover(self) -> bool:
@@ -118,6 +137,8 @@ class LiveSession(SessionLoop):
             self._set_shown(wire=what, notice=self._note(what.error) if what.error else self._shown.notice)
         elif isinstance(what, HoverOutline):
             self._set_shown(hover=what)
+        elif isinstance(what, ServoMoment):
+            self._set_shown(servo=what)
         elif isinstance(what, WriterThread):
             self._on_recorded(what)
         elif isinstance(what, Failure):
@@ -270,11 +291,25 @@ class LiveSession(SessionLoop):
             case told.Hover():
                 self._ask_hover(command)
             case told.Fingertips():
-                command.servo_goal().save(self._output / GOAL)
-                self._add_file(GOAL)
-                self._set_shown(notice=self._note(f"{GOAL} is written: Goal.load reads it"))
+                self._set_goal(command.servo_goal())
+            case told.Teach():
+                result = self._shown.result
+                if result is None or not result.located:
+                    raise InputError("the grasp is not located in this image: it can be no goal")
+                self._set_goal(Goal.taught(result))
+            case told.Anew():
+                if self.servo is None:
+                    raise InputError("there is no servo: grasptrack live takes one with --servo")
+                self.servo.begin_anew()
             case told.Record(on):
                 self._toggle_recording(on)
+
+    def _set_goal(self, goal: Goal) -> None:
+        goal.save(self._output / GOAL)
+        self._add_file(GOAL)
+        if self.servo is not None:
+            self.servo.set_goal(goal)
+        self._set_shown(notice=self._note(f"{GOAL} is written: Goal.load reads it"))
 
     def _meant_in(self, image: int) -> FirstImage:
         """What was said of an image before."""

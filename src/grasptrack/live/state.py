@@ -25,6 +25,28 @@ for a word; tracking: it follows; ended: the source has no more images; failed: 
 
 
 @dataclass(frozen=True)
+class ServoMoment:
+    """A moment of the servo, for people.
+
+    Attributes:
+        word, tone, why: as of `Headline`.
+        held: somebody holds the button.
+        goal: there is a goal.
+        over: the approach is over: another one has to be begun.
+        error_px, height_m: the farthest contact from its goal, and what is left along the approach; 0 where not known.
+    """
+
+    word: str = "Idle"
+    tone: Status = "searching"
+    why: str = ""
+    held: bool = False
+    goal: bool = False
+    over: bool = False
+    error_px: float = 0.0
+    height_m: float = 0.0
+
+
+@dataclass(frozen=True)
 class Shown:
     """A moment of a session; immutable, so that any thread may show it.
 
@@ -46,6 +68,7 @@ class Shown:
         recorded, dropped: images in it, and that were not written in time.
         files: what can be fetched from the run's folder.
         live: whether the source gives its newest image only.
+        servo: of the arm; None where there is none.
     """
 
     number: int = 0
@@ -69,6 +92,7 @@ class Shown:
     dropped: int = 0
     files: tuple[str, ...] = ()
     live: bool = False
+    servo: ServoMoment | None = None
 
 
 class Headline(NamedTuple):

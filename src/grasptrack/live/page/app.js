@@ -4,6 +4,7 @@
 import { Chart } from "./charts.js";
 import { Connection } from "./connection.js";
 import { NUMBER_COLOURS, Picture } from "./picture.js";
+import { ServoPanel } from "./servo.js";
 import { Tools } from "./tools.js";
 
 const at = (id) => document.getElementById(id);
@@ -36,10 +37,14 @@ const connection = new Connection({ onMoment, onError: (line) => say(line), onHe
 const send = (command, fields) => connection.send(command, fields);
 const tools = new Tools({ picture, send, onChange: showControls });
 
+const servo = new ServoPanel({ at, setText, say });
+
 // --- what comes in ---
 
 function onHello(hello) {
   tools.hover = hello.hover;
+  if (hello.servo) servo.open();
+  at("pause").lastChild.hidden = hello.servo; // there the space key lets the arm move
   setText(at("source"), hello.source);
   noticed = null;
   Object.values(charts).forEach((each) => each.clear()); // the server tells the last images again
@@ -50,6 +55,7 @@ function onLink(open) {
   link.dataset.open = open;
   link.textContent = open ? "live" : "no connection";
   showHeadline();
+  servo.describe(moment, open);
   if (open && typed && typed.value !== null) send("friction", { value: typed.value }); // what was typed meanwhile
 }
 
@@ -69,6 +75,7 @@ function onMoment(next, bitmap) {
   showChoice();
   showControls();
   showFiles();
+  servo.describe(next, at("link").dataset.open === "true");
   if (noticed !== null && next.notice.number > noticed) say(next.notice.text, next.phase === "failed" ? "error" : "note");
   noticed = next.notice.number;
 }
@@ -290,6 +297,8 @@ const actions = {
   restart: () => send("restart"),
   record: () => moment && send("record", { on: !moment.recording.name }),
   "save-goal": saveGoal,
+  teach: () => servo.there && send("teach"),
+  anew: () => servo.there && !at("anew").disabled && send("anew"),
   whole: () => zoomBy(0),
   snapshot: saveSnapshot,
   full: () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()).catch((error) => say(String(error))),
@@ -389,13 +398,18 @@ function redraw() {
 }
 
 const KEYS = { o: "object", x: "not", c: "contacts", w: "outline", f: "fingertips" };
-const SHORT = { n: "rechoose", r: "restart", v: "record", t: "theme", "?": "help-button", " ": "pause", 0: "whole", p: "snapshot", l: "full" };
+const SHORT = { g: "teach", a: "anew", n: "rechoose", r: "restart", v: "record", t: "theme", "?": "help-button", " ": "pause", 0: "whole", p: "snapshot", l: "full" };
 const ZOOMS = { "+": 1.25, "=": 1.25, "-": 0.8 };
 
 document.addEventListener("keydown", (event) => {
   const target = event.target;
   if (at("help").open || target.matches("input")) return;
   const command = event.ctrlKey || event.metaKey;
+  if (event.key === " " && servo.there) {
+    event.preventDefault(); // not a click of the button that has the focus, either
+    if (!event.repeat && !command && !at("hold").disabled) servo.press();
+    return;
+  }
   if (event.key === "Backspace" || (command && event.key.toLowerCase() === "z")) {
     tools.takeBack();
     event.preventDefault();
@@ -420,6 +434,12 @@ document.addEventListener("keydown", (event) => {
   } else if (key === "escape") tools.undo();
   else return;
   event.preventDefault();
+});
+
+document.addEventListener("keyup", (event) => {
+  if (event.key !== " " || !servo.there) return;
+  if (!event.target.matches("input")) event.preventDefault();
+  servo.release("released");
 });
 
 firstTheme();
