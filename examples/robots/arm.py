@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stand-in for an arm, to try `grasptrack live SOURCE --servo FILE` with `arm = "tcp://127.0.0.1:5556"`: it exists in here alone.
+"""A stand-in for an arm, to try `grasptrack live SOURCE --servo FILE` with: arm = "tcp://127.0.0.1:5556". It is in here alone.
 
 It shows what the program on a robot has to do: answer each line with the pose of the hand and the line's number, and stand
 where no line has come for 0.2 s. No robot was moved by it.
@@ -7,6 +7,7 @@ where no line has come for 0.2 s. No robot was moved by it.
 python examples/robots/arm.py 5556
 """
 
+import contextlib
 import json
 import socket
 import sys
@@ -53,8 +54,9 @@ class StandInArm:
 
     def hang_up(self) -> None:
         """Lose the connection; another one is taken."""
-        if self._link is not None:
-            self._link.shutdown(socket.SHUT_RDWR)
+        with contextlib.suppress(OSError):  # it may have ended
+            if self._link is not None:
+                self._link.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         """End."""

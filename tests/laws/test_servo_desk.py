@@ -167,6 +167,25 @@ def test_every_cause_ends_with_zero_twists_in_time_and_is_told(told: str) -> Non
     assert not cell.moves
 
 
+def test_the_arm_stands_in_time_while_a_step_of_the_servo_takes_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = Cell()
+    cell.start_moving()
+    began, decide = cell.now, cell.desk._decide_order
+
+    def decide_slowly() -> Order:
+        order = decide()
+        assert order.twist.any()
+        while cell.now < began + 2.0 * STOPS:
+            cell.now += PERIOD
+            cell.desk.watch_switch()
+            assert not cell.moves or cell.now < began + STOPS
+        return order
+
+    monkeypatch.setattr(cell.desk, "_decide_order", decide_slowly)
+    cell.desk.step()
+    assert not cell.moves and cell.moment.why == LATE
+
+
 def test_a_new_goal_stands_and_begins_anew() -> None:
     cell = Cell()
     cell.start_moving()

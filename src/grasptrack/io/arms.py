@@ -253,7 +253,7 @@ class TcpArm:
 def _parse_address(url: str) -> tuple[str, int]:
     with contextlib.suppress(ValueError):
         parts = urlsplit(url)
-        if parts.hostname and parts.port and url.rstrip("/").endswith(f":{parts.port}"):
+        if parts.hostname and parts.port and url.endswith(f":{parts.port}"):
             return parts.hostname, parts.port
     raise InputError(f'an arm over TCP is tcp://HOST:PORT, as tcp://192.0.2.7:5556, not "{url}"', url=url)
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A servo beside a session, and the dead-man's switch without which its arm stands. One thread owns servo and arm."""
+"""A servo beside a session, and the dead-man's switch without which its arm stands.
+
+One thread owns servo and arm. Another one watches the switch: a step of the servo may take longer than the arm may go on.
+"""
 
 from __future__ import annotations
 
@@ -117,21 +120,25 @@ class ServoDesk:
         self._follows, self._seen = False, _Seen()
         self._tell: Callable[[ServoMoment], None] = lambda _: None
         self._told, self._told_at = ServoMoment(), 0.0
-        self._thread = threading.Thread(target=self._run, name="grasptrack-servo", daemon=True)
+        self._sending, self._moves = threading.Lock(), False
+        run = (("grasptrack-servo", self._run), ("grasptrack-watch", self._watch))
+        self._threads = [threading.Thread(target=target, name=name, daemon=True) for name, target in run]
 
     # --- for other threads -----------------------------------------------------------------------
 
     def start(self, tell: Callable[[ServoMoment], None]) -> None:
         """Begin; `tell` is called with each moment that differs, and must not wait."""
         self._tell = tell
-        self._thread.start()
+        for thread in self._threads:
+            thread.start()
 
     def stop(self) -> None:
         """Have the arm stand, let go of it, and end; may be called again."""
         self._stopping = True
         self._wake.set()
-        if self._thread.ident is not None:
-            self._thread.join()
+        for thread in self._threads:
+            if thread.ident is not None:
+                thread.join()
 
     def press(self, holder: object) -> None:
         """Press the switch, which the holder has to `keep` from then on.
@@ -195,8 +202,26 @@ class ServoDesk:
         finally:
             with self._lock:
                 self.switch.let_go("the session has ended")
+                self.watch_switch()
                 self._arm.send(Order(np.zeros(6)))
                 self._arm.close()
+
+    def _watch(self) -> None:
+        while not self._stopping:
+            time.sleep(PERIOD)
+            self.watch_switch()
+
+    def watch_switch(self) -> None:
+        """Have an arm that moves stand where the switch is not held, whatever the servo is at; waits for nobody."""
+        if self._moves and (self._arm.why_not() or not self.switch.is_held(self._clock())):
+            self._send_order(Order(np.zeros(6)))
+
+    def _send_order(self, order: Order) -> None:
+        with self._sending:  # what was decided may have taken long
+            if order.enabled and not self.switch.is_held(self._clock()):
+                order = Order(np.zeros(6))
+            self._moves = order.enabled
+            self._arm.send(order._replace(image=self._seen.image))
 
     def step(self) -> None:
         """One period of control; whatever goes wrong in it ends the approach, and the arm is told to stand."""
@@ -210,7 +235,7 @@ class ServoDesk:
                     self._steering.servo.stop(line)
                     self._steering.stand()
                 self.switch.let_go(line)
-            self._arm.send(order._replace(image=self._seen.image))
+            self._send_order(order)
             self._tell_moment()
 
     def _decide_order(self) -> Order:
