@@ -70,8 +70,8 @@ WORDS = {"SOURCE": "photos", "IMAGE": "photo.jpg", "IMAGE_A": "a.png", "IMAGE_B"
 WORDS |= {"N": "1", "MU": "0.5", "camera:0": "video.mp4", "/tmp/demo": "demo"}
 WORDS |= {"tcp://0.0.0.0:5555": "0", "tcp://0.0.0.0:5555?format=fixed&rate=20": "0?format=fixed&rate=20"}
 WORDS |= {"tcp://host:8786": "tcp://127.0.0.1:8786", "POT": "videos"}
-NOT_HERE = {"camera:0?size=1280x720&fps=30", "pylon:40012345", "u2netp", "NAME"}
-"""Words of commands that want a camera, a model or a name: they are parsed, and not run."""
+NOT_HERE = {"camera:0?size=1280x720&fps=30", "pylon:40012345", "u2netp", "NAME", "sim:", "sim:spanner"}
+"""Words of commands that want a camera, a model or a name, or never end: they are parsed, and not run."""
 FOLDERS = {"--silhouettes": "shapes", "--folder": "shapes", "--data": "data", "--real": "videos"}
 ELSEWHERE = {
     "pip install .": ".ci/run builds a wheel and installs it",

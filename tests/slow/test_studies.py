@@ -46,6 +46,7 @@ SMALLEST = {
     "plane": "--parts bracket --tilts 30",
     "precision_bound": "--shapes bracket --disturbances clean-4dof --frames 7",
     "reason_pictures": "--codes no-grasp,no-object --pictures DATA/reasons",
+    "robot_page": "--seconds 1 --trials 1",
     "scene": "--seeds 1 --motions rest --surfaces equal --pictures DATA/scene",
     "segmentation": "--data DATA --pictures DATA/pictures",
     "steps": "--calls 8 --updates 8 --largest 1",

@@ -49,7 +49,7 @@ def live(
         option(
             help_groups.ROBOT,
             "FILE",
-            "Move an arm from the page, while its button is held: a TOML file, see docs/servo.md.",
+            "Move an arm while the page's button is held; FILE (TOML) names the arm, the goal and limits.",
         ),
     ] = None,
     host: Annotated[
