@@ -62,7 +62,7 @@ with connect(sys.argv[1].replace("http", "ws", 1).replace("/?", "/hold?")) as li
 """Draws nothing, and holds the button for as long as it lives."""
 
 
-class HandCamera:
+class ExampleCamera:
     """A device: what the stand-in's hand would see, by the scene of examples/06_servo.py."""
 
     missed = 0
@@ -83,7 +83,7 @@ class HandCamera:
         """Nothing is held open."""
 
 
-class Cell:
+class ArmCell:
     """A session with an arm, and what the arm saw."""
 
     def __init__(self, folder: Path) -> None:
@@ -91,7 +91,7 @@ class Cell:
         robot = scene["Robot"]()
         self._start = robot.hand
         self.arm = runpy.run_path(str(EXAMPLES / "robots" / "arm.py"))["StandInArm"](0, self._start)
-        source = LiveSource("camera:hand", "camera", "the rendered camera", lambda: HandCamera(self.arm, robot))
+        source = LiveSource("camera:hand", "camera", "the rendered camera", lambda: ExampleCamera(self.arm, robot))
         setup = ServoSetup("tcp:", Goal.fingertips(robot.fingertips(), scene["OPENING"]), {"limits": SLOW})
         self.desk = ServoDesk(setup, TcpArm(self.arm.url))
         self.session = LiveSession(source, Settings(), folder / "run", at_once=True, servo=self.desk)
@@ -131,7 +131,7 @@ class Cell:
 
 
 @contextlib.contextmanager
-def page_on(cell: Cell) -> Iterator[subprocess.Popen[bytes]]:
+def page_on(cell: ArmCell) -> Iterator[subprocess.Popen[bytes]]:
     """A program that holds the button."""
     process = subprocess.Popen([sys.executable, "-c", PAGE, cell.server.url], stderr=subprocess.DEVNULL)
     try:
@@ -141,7 +141,7 @@ def page_on(cell: Cell) -> Iterator[subprocess.Popen[bytes]]:
         process.wait(PATIENCE_S)
 
 
-def drive(cell: Cell, seconds: float) -> tuple[Floats, Floats, int]:
+def drive(cell: ArmCell, seconds: float) -> tuple[Floats, Floats, int]:
     """ms from each image to its first line at the arm, ms between lines while the button is held, approaches that closed."""
     closed, until = 0, time.monotonic() + seconds
     late, gaps, offset = list[float](), list[float](), time.time() - time.perf_counter()
@@ -161,7 +161,7 @@ def drive(cell: Cell, seconds: float) -> tuple[Floats, Floats, int]:
     return np.array(late), np.array(gaps), closed
 
 
-def stop_times(cell: Cell, kind: str, trials: int) -> Floats:
+def stop_times(cell: ArmCell, kind: str, trials: int) -> Floats:
     """ms from the loss until the first line without motion, after which none moves."""
     found = []
     for _ in range(trials):
@@ -194,7 +194,7 @@ def main() -> None:
     args: Any = parser.parse_args()
     common.begin_section("An arm from the live page")
     with tempfile.TemporaryDirectory() as folder:
-        cell = Cell(Path(folder))
+        cell = ArmCell(Path(folder))
         late, gaps, closed = drive(cell, args.seconds)
         stops = {kind: stop_times(cell, kind, args.trials) for kind in KINDS}
         cell.close()

@@ -48,14 +48,14 @@ def wait(arm: TcpArm, wanted: Callable[[], object], order: Order = STAND) -> Non
     until = time.monotonic() + PATIENCE
     while not wanted():
         assert time.monotonic() < until, arm.why_not()
-        arm.send(order)
+        arm.send_order(order)
         time.sleep(0.01)
 
 
 def test_each_order_is_a_line_of_the_schema_and_is_acknowledged(stand_in: StandInArm, arm: TcpArm) -> None:
     assert "not answered" in arm.why_not()
     wait(arm, lambda: not arm.why_not())
-    pose, at = arm.pose()
+    pose, at = arm.hand_pose()
     assert pose is not None and at <= time.perf_counter()
     np.testing.assert_allclose(pose, START)
     wait(
@@ -70,7 +70,7 @@ def test_each_order_is_a_line_of_the_schema_and_is_acknowledged(stand_in: StandI
 
 
 def test_what_came_of_closing_is_reported_once(stand_in: StandInArm, arm: TcpArm) -> None:
-    arm.send(Order(np.zeros(6), True, close=True))
+    arm.send_order(Order(np.zeros(6), True, close=True))
     told: list[Report] = []
     wait(arm, lambda: told.extend(arm.take_reports()) or told)
     assert told == [Report(held=True)] and not arm.take_reports()
@@ -99,7 +99,7 @@ def test_an_arm_that_reads_nothing_holds_nobody_up_and_is_lost() -> None:
         link, _ = listener.accept()
         with link:
             for _ in range(200_000):
-                arm.send(Order(np.zeros(6)))
+                arm.send_order(Order(np.zeros(6)))
                 if "lost" in arm.why_not():
                     break
         assert "does not read" in arm.why_not()

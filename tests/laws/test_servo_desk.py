@@ -36,10 +36,10 @@ class BenchArm:
     def why_not(self) -> str:
         return self.lost
 
-    def pose(self) -> tuple[np.ndarray, float]:
+    def hand_pose(self) -> tuple[np.ndarray, float]:
         return self._cell.bench.hand, self._cell.now
 
-    def send(self, order: Order) -> None:
+    def send_order(self, order: Order) -> None:
         self.orders.append(order)
 
     def take_reports(self) -> list[Report]:
@@ -75,7 +75,7 @@ class Cell:
         self.desk.take_moment(self.shown)
 
     def press(self, page: object = "page") -> None:
-        self.desk.press(page)
+        self.desk.press_switch(page)
         self.holds = page
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
@@ -83,10 +83,10 @@ class Cell:
             if until():
                 return
             if self.holds is not None:
-                self.desk.keep(self.holds)
+                self.desk.keep_held(self.holds)
             if self.sees and k % 2 == 0:
                 self.look()
-            self.desk.step()
+            self.desk.step_control()
             self.bench.move(self.arm.orders[-1].twist)
             self.now += PERIOD
 
@@ -115,7 +115,7 @@ def test_nothing_moves_before_the_button_is_held() -> None:
 def test_a_press_alone_moves_nothing() -> None:
     """One that comes late through a slow network is of a button that was let go of since."""
     cell = Cell()
-    cell.desk.press("page")
+    cell.desk.press_switch("page")
     cell.run(1.0)
     assert not any(order.twist.any() for order in cell.arm.orders)
     assert cell.moment.why == LATE
@@ -182,7 +182,7 @@ def test_the_arm_stands_in_time_while_a_step_of_the_servo_takes_long(monkeypatch
         return order
 
     monkeypatch.setattr(cell.desk, "_decide_order", decide_slowly)
-    cell.desk.step()
+    cell.desk.step_control()
     assert not cell.moves and cell.moment.why == LATE
 
 
@@ -231,14 +231,14 @@ def test_a_switch_is_held_by_one_who_pressed_it_and_said_so_in_time(steps: list[
         if what == "press":
             if switch.holder not in (None, rest[0]):
                 with pytest.raises(InputError, match=TAKEN):
-                    switch.press(rest[0], now)
+                    switch.press_switch(rest[0], now)
             else:
-                switch.press(rest[0], now)
+                switch.press_switch(rest[0], now)
                 pressed, since, known = rest[0], now, -math.inf
         elif what == "keep":
             if switch.holder == rest[0]:
                 known = max(known, now - rest[1])
-            switch.keep(rest[0], now - rest[1])
+            switch.keep_held(rest[0], now - rest[1])
         elif what == "let go":
             switch.let_go("it was let go of", rest[0])
         else:

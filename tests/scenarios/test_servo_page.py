@@ -40,10 +40,10 @@ class StillArm:
     def why_not(self) -> str:
         return ""
 
-    def pose(self) -> tuple[np.ndarray, float]:
+    def hand_pose(self) -> tuple[np.ndarray, float]:
         return np.eye(4), time.perf_counter()
 
-    def send(self, order: Order) -> None:
+    def send_order(self, order: Order) -> None:
         self.orders.append(order)
 
     def take_reports(self) -> list[Report]:

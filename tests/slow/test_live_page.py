@@ -507,10 +507,10 @@ def test_a_page_that_is_lost_lets_go_and_says_why(tmp_path: Path, told: str) -> 
 
 def test_a_second_page_says_that_the_first_holds_the_button(tmp_path: Path) -> None:
     with arm_page(tmp_path) as (page, here):
-        here.desk.press("another")
+        here.desk.press_switch("another")
         until_ = time.monotonic() + 3.0
         while "another page" not in page.text("#servo-why") and time.monotonic() < until_:
-            here.desk.keep("another")
+            here.desk.keep_held("another")
             time.sleep(0.05)
         assert "another page holds the button" in page.text("#servo-why")
         assert not page.find("#hold").is_enabled()

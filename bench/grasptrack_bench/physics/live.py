@@ -126,12 +126,12 @@ class SimulatedHand:
         late = time.perf_counter() - self._at
         return f"the simulation has stood for {late:.1f} s" if late > 1.0 else ""
 
-    def pose(self) -> tuple[Floats | None, float]:
+    def hand_pose(self) -> tuple[Floats | None, float]:
         """(4, 4) of the hand, and when."""
         with self._lock:
             return self._pose, self._at
 
-    def send(self, order: Order) -> None:
+    def send_order(self, order: Order) -> None:
         """For the periods that follow."""
         with self._lock:
             self._order, self._ordered = order, time.perf_counter()

@@ -79,10 +79,10 @@ class Arm(Protocol):
     def why_not(self) -> str:
         """Why it cannot be moved now; empty where it can."""
 
-    def pose(self) -> tuple[Floats | None, float]:
+    def hand_pose(self) -> tuple[Floats | None, float]:
         """(4, 4) of the hand in the base, or None, and when that was, s of `time.perf_counter`."""
 
-    def send(self, order: Order) -> None:
+    def send_order(self, order: Order) -> None:
         """Have it do this until the next order; one that cannot be sent shows in `why_not`."""
 
     def take_reports(self) -> list[Report]:
@@ -150,12 +150,12 @@ class TcpArm:
             late = time.perf_counter() - self._heard
             return f"the arm has acknowledged nothing for {late:.2f} s" if late > SILENCE else ""
 
-    def pose(self) -> tuple[Floats | None, float]:
+    def hand_pose(self) -> tuple[Floats | None, float]:
         """Of its newest line."""
         with self._lock:
             return self._pose, self._at
 
-    def send(self, order: Order) -> None:
+    def send_order(self, order: Order) -> None:
         """Send a line, whole or not at all."""
         now = time.perf_counter()
         with self._lock:

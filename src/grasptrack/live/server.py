@@ -395,11 +395,11 @@ class Holding(Talk):
     def _obey_message(self, content: dict[str, Any]) -> None:
         match hold_command_of(content):
             case Press():
-                self._desk.press(self)
+                self._desk.press_switch(self)
                 self._pressed.set()
             case Keep(number):
                 if number in self._asked:
-                    self._desk.keep(self, self._asked[number])
+                    self._desk.keep_held(self, self._asked[number])
                     self._asked = {other: at for other, at in self._asked.items() if other > number}
             case Release(why):
                 self._desk.switch.let_go(RELEASED[why], self)

@@ -55,8 +55,8 @@ class HoldSwitch:
         self.why = ""
         self._until, self._said = 0.0, False
 
-    def press(self, holder: object, now: float) -> None:
-        """Begin, at s of some clock; nothing moves before the first `keep`.
+    def press_switch(self, holder: object, now: float) -> None:
+        """Begin, at s of some clock; nothing moves before the first `keep_held`.
 
         Raises:
             InputError: another one holds it.
@@ -66,7 +66,7 @@ class HoldSwitch:
                 raise InputError(TAKEN)
             self.holder, self.why, self._until, self._said = holder, "", now + HELD, False
 
-    def keep(self, holder: object, held_at: float) -> None:
+    def keep_held(self, holder: object, held_at: float) -> None:
         """Its holder says that it held it at some time, s; from anybody else, or once it was let go of, that says nothing."""
         with self._lock:
             if self.holder is holder:
@@ -104,10 +104,10 @@ class ServoDesk:
     Args:
         setup: of the servo.
         arm: that is moved; it is let go of at the end.
-        clock: s, that of `Arrival.at` and `Arm.pose`.
+        clock: s, that of `Arrival.at` and `Arm.hand_pose`.
 
     Attributes:
-        switch: the dead-man's switch; `press` presses it.
+        switch: the dead-man's switch; `press_switch` presses it.
     """
 
     def __init__(self, setup: ServoSetup, arm: Arm, clock: Callable[[], float] = time.perf_counter) -> None:
@@ -140,8 +140,8 @@ class ServoDesk:
             if thread.ident is not None:
                 thread.join()
 
-    def press(self, holder: object) -> None:
-        """Press the switch, which the holder has to `keep` from then on.
+    def press_switch(self, holder: object) -> None:
+        """Press the switch, which the holder has to `keep_held` from then on.
 
         Raises:
             InputError: the arm cannot be moved now, and why.
@@ -157,11 +157,11 @@ class ServoDesk:
                 why = "this approach is over: begin a new one"
             if why:
                 raise InputError(why)
-            self.switch.press(holder, self._clock())
+            self.switch.press_switch(holder, self._clock())
 
-    def keep(self, holder: object, held_at: float | None = None) -> None:
+    def keep_held(self, holder: object, held_at: float | None = None) -> None:
         """Say that the switch is held, now or at some s of the clock."""
-        self.switch.keep(holder, self._clock() if held_at is None else held_at)
+        self.switch.keep_held(holder, self._clock() if held_at is None else held_at)
 
     def set_goal(self, goal: Goal) -> None:
         """Stand, and go for another goal in a new approach."""
@@ -198,12 +198,12 @@ class ServoDesk:
             while not self._stopping:
                 self._wake.wait(PERIOD)
                 self._wake.clear()
-                self.step()
+                self.step_control()
         finally:
             with self._lock:
                 self.switch.let_go("the session has ended")
                 self.watch_switch()
-                self._arm.send(Order(np.zeros(6)))
+                self._arm.send_order(Order(np.zeros(6)))
                 self._arm.close()
 
     def _watch(self) -> None:
@@ -214,16 +214,16 @@ class ServoDesk:
     def watch_switch(self) -> None:
         """Have an arm that moves stand where the switch is not held, whatever the servo is at; waits for nobody."""
         if self._moves and (self._arm.why_not() or not self.switch.is_held(self._clock())):
-            self._send_order(Order(np.zeros(6)))
+            self._send_now(Order(np.zeros(6)))
 
-    def _send_order(self, order: Order) -> None:
+    def _send_now(self, order: Order) -> None:
         with self._sending:  # what was decided may have taken long
             if order.enabled and not self.switch.is_held(self._clock()):
                 order = Order(np.zeros(6))
             self._moves = order.enabled
-            self._arm.send(order._replace(image=self._seen.image))
+            self._arm.send_order(order._replace(image=self._seen.image))
 
-    def step(self) -> None:
+    def step_control(self) -> None:
         """One period of control; whatever goes wrong in it ends the approach, and the arm is told to stand."""
         with self._lock:
             order = Order(np.zeros(6))
@@ -235,7 +235,7 @@ class ServoDesk:
                     self._steering.servo.stop(line)
                     self._steering.stand()
                 self.switch.let_go(line)
-            self._send_order(order)
+            self._send_now(order)
             self._tell_moment()
 
     def _decide_order(self) -> Order:
@@ -256,7 +256,7 @@ class ServoDesk:
         elif steering.enabled and not held:
             steering.stand()
         before = steering.command
-        twist = steering.tick(now, *self._arm.pose())
+        twist = steering.tick(now, *self._arm.hand_pose())
         if steering.servo.over and not steering.enabled:
             self.switch.let_go("")
         command = steering.command
