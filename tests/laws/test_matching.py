@@ -228,3 +228,16 @@ def test_an_outline_is_laid_on_a_part_of_a_larger_one():
     )
     assert min(np.abs(apply_homography(H, bracket) - bracket - 300.0).max() for H in ways) < 6.0
     assert len(ways) <= 3 and len(none) <= 3
+
+
+@pytest.mark.parametrize("width", [0.1, 0.6, 3.0])
+def test_a_thin_strip_whose_samples_cross_is_matched_by_nothing_or_rightly(width):
+    x = np.linspace(0.0, 600.0, 1500)
+    y = 150.0 * np.sin(x * 2.0 * np.pi * 8 / 600.0)
+    strip = View([Contour(np.vstack([np.column_stack([x, y]), np.column_stack([x[::-1], y[::-1] + width])]))])
+    for one, other in [
+        (strip, View([Contour(dense(BRACKET))])),
+        (View([Contour(dense(BRACKET))]), strip),
+        (strip, strip),
+    ]:
+        assert all(np.isfinite(m.homography).all() for m in match_outlines(one, other))

@@ -28,7 +28,7 @@ def drive(bench: Bench, steering: Steering, seconds: float) -> None:
             return
         if k % round(PERIOD / STEP) == 0:
             steering.take_result(bench.result(), bench.time)
-        twist = steering.tick(bench.time + 1e-3, bench.hand, bench.time)
+        twist = steering.next_twist(bench.time + 1e-3, bench.hand, bench.time)
         assert steering.enabled or twist is None or not twist.any()
         bench.move(np.zeros(6) if twist is None else twist)
 
@@ -40,7 +40,7 @@ def approach(pauses: list[tuple[float, float]]) -> None:
         drive(bench, steering, moves)
         if steering.servo.state == "closing":
             break
-        steering.stand()
+        steering.stand_still()
         drive(bench, steering, stands)
     assert steering.servo.state == "closing", (steering.servo.state, steering.servo.reason)
     across, along, turn = bench.off()

@@ -180,8 +180,8 @@ class ServoNode(ManagedNode):
             return
         if why:
             steering.servo.stop(why)
-        steering.stand()
-        while (twist := steering.tick(self._now(), None, 0.0)) is not None:
+        steering.stand_still()
+        while (twist := steering.next_twist(self._now(), None, 0.0)) is not None:
             self._publish_twist(twist)
         if why:
             self._tell_state()
@@ -209,7 +209,7 @@ class ServoNode(ManagedNode):
         assert steering is not None
         pose, at = self._hand_pose() if steering.enabled else (None, 0.0)
         before = steering.command
-        twist = steering.tick(self._now(), pose, at)
+        twist = steering.next_twist(self._now(), pose, at)
         if twist is not None:
             self._publish_twist(twist)
         if steering.why and pose is not None:

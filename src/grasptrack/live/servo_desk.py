@@ -175,7 +175,7 @@ class ServoDesk:
             self.switch.let_go(why)
             self.switch.forget_why()
             if self._steering is not None:
-                self._steering.stand()
+                self._steering.stand_still()
             self._steering = None
 
     def take_moment(self, shown: Shown) -> None:
@@ -233,7 +233,7 @@ class ServoDesk:
                 line = str(error) if isinstance(error, GraspTrackError) else f"{type(error).__name__}: {error}"
                 if self._steering is not None:
                     self._steering.servo.stop(line)
-                    self._steering.stand()
+                    self._steering.stand_still()
                 self.switch.let_go(line)
             self._send_now(order)
             self._tell_moment()
@@ -254,9 +254,9 @@ class ServoDesk:
         if held and not steering.enabled:
             steering.enable(now)
         elif steering.enabled and not held:
-            steering.stand()
+            steering.stand_still()
         before = steering.command
-        twist = steering.tick(now, *self._arm.hand_pose())
+        twist = steering.next_twist(now, *self._arm.hand_pose())
         if steering.servo.over and not steering.enabled:
             self.switch.let_go("")
         command = steering.command

@@ -162,11 +162,15 @@ PIECES = tuple((2.0 * math.pi * k / 12, share) for share in (0.35, 0.5, 0.65) fo
 
 def align_wholes(a: Sampled, b: Sampled, *, more: bool = False) -> Floats:
     """(k, 9) homographies that lay the whole of one outer contour on the whole of the other."""
-    if more:
-        found = kernels.initial_alignments(a.outer, b.outer, MORE_BENDS, COUNT, APART_MORE, STARTS_MORE)
-    else:
-        found = kernels.initial_alignments(a.outer, b.outer, BENDS, COUNT, APART, STARTS)
-    return np.ascontiguousarray(found[:, 2:])
+    wanted = (MORE_BENDS, APART_MORE, STARTS_MORE) if more else (BENDS, APART, STARTS)
+    return np.ascontiguousarray(_align_wherever_begun(a.outer, b.outer, *wanted)[:, 2:])
+
+
+def _align_wherever_begun(first: Floats, second: Floats, bends: Floats, apart: float, most: int) -> Floats:
+    """(k, 11) see `kernels.initial_alignments`; none where samples of a thin outline cross, so that they enclose nothing."""
+    if _whitening_map(first) is None or _whitening_map(second) is None:
+        return np.zeros((0, 11))
+    return kernels.initial_alignments(first, second, bends, COUNT, apart, most)
 
 
 def align_parts(a: Sampled, b: Sampled) -> Floats:
@@ -178,7 +182,7 @@ def align_parts(a: Sampled, b: Sampled) -> Floats:
     for angle, share in CUTS:
         depth = a.outer @ np.array([math.cos(angle), math.sin(angle)])
         part = a.outer[depth <= np.quantile(depth, 1.0 - share)]
-        rows.append(kernels.initial_alignments(np.ascontiguousarray(part), b.outer, BENDS[:1], COUNT, APART, 4))
+        rows.append(_align_wherever_begun(np.ascontiguousarray(part), b.outer, BENDS[:1], APART, 4))
     found = np.concatenate(rows)
     return np.ascontiguousarray(found[np.argsort(found[:, 0], kind="stable")][:STARTS_CUT, 2:])
 

@@ -61,7 +61,7 @@ class Steering:
         self._sent = np.zeros(6)
         self._waiting: deque[tuple[float, TrackResult]] = deque(maxlen=WAITING)
         self.command: Command | None = None
-        self.stand()
+        self.stand_still()
 
     def enable(self, now: float) -> str:
         """Let it move from now (s) on, by images that are taken from now on. Returns why it does not; empty when it does."""
@@ -72,7 +72,7 @@ class Steering:
         self._waiting.clear()
         return ""
 
-    def stand(self) -> None:
+    def stand_still(self) -> None:
         """Make it stand at once; `enable` lets it go on."""
         if self.enabled:
             self._zeros = self._zero_twists
@@ -83,7 +83,7 @@ class Steering:
         if taken > self._newest:
             self._waiting.append((taken, result))
 
-    def tick(self, now: float, pose: Floats | None, at: float) -> Floats | None:
+    def next_twist(self, now: float, pose: Floats | None, at: float) -> Floats | None:
         """The twist (6,) in the hand's frame to give now, m/s and rad/s; None for none.
 
         Args:
@@ -101,7 +101,7 @@ class Steering:
             return None
         twist = self._twist(now, pose, at)
         if self.servo.over and not twist.any():
-            self.stand()
+            self.stand_still()
         return twist
 
     def _twist(self, now: float, pose: Floats | None, at: float) -> Floats:
