@@ -42,6 +42,7 @@ SMALLEST = {
     "live_page": "--frames 4 --blocks 1 --seconds 0.5 --viewers client",
     "loop": "--frames 4 --repeat 1 --long 0 --starts 1",
     "matching": "--shapes bracket --pairs 1 --cut 1 --images 1",
+    "moved_photos": "--kinds twin,cover --frames 9 --each 30",
     "moving_picture": "--frames 4 --picture PICTURE",
     "plane": "--parts bracket --tilts 30",
     "precision_bound": "--shapes bracket --disturbances clean-4dof --frames 7",
