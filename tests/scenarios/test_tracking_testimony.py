@@ -5,12 +5,14 @@ import cv2
 import numpy as np
 import pytest
 
+from grasptrack.tracking.hypotheses import Predictions
 from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.redetection import place_is_empty
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.target import build_pyramid
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack_bench.simulation import SHAPES, plain_texture
-from stages import EVEN, HEIGHT, WIDTH, photo, pose
+from stages import EVEN, GROUND, HEIGHT, WIDTH, photo, pose
 
 BRACKET = SHAPES["bracket"]()
 
@@ -56,10 +58,11 @@ def test_wherever_a_finger_stands_some_of_the_outline_is_under_it(size: float) -
     assert target.edge_share > 0.99 and (under > 0.99).mean() > 0.95  # no normal is told at a corner
 
 
-@pytest.mark.parametrize("step", [14.0, 22.0, 30.0])
-def test_what_comes_in_over_one_border_is_not_what_leaves_over_the_other(step: float) -> None:
+@pytest.mark.parametrize("ground", ["plain", "wood"])
+@pytest.mark.parametrize("step", [14.0, 22.0, 30.0, 38.0])
+def test_what_comes_in_over_one_border_is_not_what_leaves_over_the_other(step: float, ground: str) -> None:
     """However alike both are, and whether or not both are in view at once."""
-    table, apart = plain_texture(4), WIDTH + 40.0
+    table, apart = plain_texture(4) if ground == "plain" else GROUND, WIDTH + 40.0
     tracker = GraspTracker(object_at=(160.0, 120.0))
     for k in range(int(1.6 * apart / step)):
         x = 160.0 + step * max(0, k - 4)
@@ -67,3 +70,21 @@ def test_what_comes_in_over_one_border_is_not_what_leaves_over_the_other(step: f
         result = tracker.update(image)
         if result.contacts is not None:
             assert abs(result.contacts[:, 0].mean() - x) < 30.0, (k, result.reason)
+
+
+def test_what_moved_out_of_view_has_not_gone_just_anywhere() -> None:
+    """A place in which it lay is seen to be empty; that to which it moved on is not seen."""
+    table = plain_texture(4)
+    tracker = GraspTracker(object_at=(160.0, 120.0))
+    for k in range(16):
+        image = photo([(BRACKET, pose(160.0 + 22.0 * max(0, k - 4), 120.0))], ground=table, seed=k)
+        result = tracker.update(image)
+        assert tracker._track is not None
+        follower = tracker._track.follower
+        if result.status != "lost" or follower.state.left < 1:
+            continue
+        state, levels = follower.state, build_pyramid(photo([], ground=table, seed=k))
+        assert place_is_empty(state.target, state.located, levels, state.target.A)
+        assert not follower._has_gone_from(state.target.A, levels, Predictions([], [], None, None))
+        return
+    raise AssertionError("it never left")

@@ -285,7 +285,7 @@ class Follower:
         predictions = predictions._replace(background=ground, anew=True)
         if decision.is_accepted and e is not None and is_at(e, mean_point(self.target.carried_contacts(ground))):
             return decision, predictions  # what surrounds it need not lie in its plane
-        state.gone = place_is_empty(self.target, state.located, levels, ground)  # where that was, was not known
+        state.gone = self._has_gone_from(ground, levels, predictions)  # where that was, was not known
         solutions.expected = self._expected_location(predictions)
         solutions.add([Hypothesis("background", ground, state.P + self.target.noise_of_motion)])
         return solutions.decide_among(), predictions
@@ -428,14 +428,18 @@ class Follower:
         return self.state.expected if carried is None else carried
 
     def _look_if_gone(self, levels: list[Grey], predictions: Predictions, solutions: Solutions) -> None:
-        """What is expected changes where its place is seen without it, and that to which it would have moved on as well."""
+        """What is expected changes where its place is seen without it."""
         state = self.state
         if not state.gone:
-            moved_on = state.coasted() if state.lost else predictions.even
-            places = [self._expected_pose(predictions), *([] if moved_on is None else [moved_on])]
-            state.gone = all(place_is_empty(self.target, state.located, levels, place) for place in places)
+            state.gone = self._has_gone_from(self._expected_pose(predictions), levels, predictions)
         if state.gone:
             solutions.expected = solutions.expected._replace(steps=ANYWHERE_STEPS)
+
+    def _has_gone_from(self, place: Floats, levels: list[Grey], predictions: Predictions) -> bool:
+        """Whether a place (3, 3) is seen without it, and that to which it moves on: beyond the border none is."""
+        moved_on = self.state.moved_on() if self.state.lost else predictions.even
+        places = [place, *([] if moved_on is None else [moved_on])]
+        return all(place_is_empty(self.target, self.state.located, levels, each) for each in places)
 
     def _learn_from_image(self, levels: list[Grey], decision: Decision, predictions: Predictions) -> None:
         state, e = self.state, decision.estimate
