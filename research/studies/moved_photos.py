@@ -50,7 +50,7 @@ NEARER = 1.12
 CODECS = {"h264": "libx264", "h265": "libx265"}
 
 
-class Scene(NamedTuple):
+class MovedPhoto(NamedTuple):
     """Images (H, W, 3), and of each the homography (3, 3) from the photo, and whether the tool lies there; its first mask."""
 
     images: list[Pixels]
@@ -107,7 +107,7 @@ def soft_mask(mask: Pixels) -> Floats:
     return np.asarray(cv2.GaussianBlur(wider, (0, 0), 1.0), dtype=np.float64)
 
 
-def draw_scene(photo: Photo, guest: Photo, kind: str, count: int, seed: int) -> Scene:
+def draw_scene(photo: Photo, guest: Photo, kind: str, count: int, seed: int) -> MovedPhoto:
     """So many images of one kind; the guest is what covers a tool, or takes its place."""
     rng = np.random.default_rng((seed, zlib.crc32(f"{photo.name}{kind}".encode())))
     image, mask, (height, width) = photo.image, whole_part(photo.truth), photo.truth.shape
@@ -191,7 +191,7 @@ def draw_scene(photo: Photo, guest: Photo, kind: str, count: int, seed: int) -> 
         images = through_codec(images, Codec(CODECS[kind[:4]], float(kind[5:])))
     ways = [np.asarray(shrink @ camera(float(i)) @ object_way(i)) for i in range(count)]
     first = cv2.warpPerspective(255 * mask, ways[0], images[0].shape[1::-1])
-    return Scene(images, ways, [i < gone for i in range(count)], (first > 127).astype(np.uint8))
+    return MovedPhoto(images, ways, [i < gone for i in range(count)], (first > 127).astype(np.uint8))
 
 
 def whole_part(truth: Bools) -> Pixels:
@@ -200,7 +200,7 @@ def whole_part(truth: Bools) -> Pixels:
     return np.asarray(labels == 1 + int(np.argmax(told[1:, cv2.CC_STAT_AREA])), np.uint8)
 
 
-def follow_tool(scene: Scene) -> dict[str, int]:
+def follow_tool(scene: MovedPhoto) -> dict[str, int]:
     """Counts of one sequence: images that show the tool, those of them that are answered rightly, and all that are wrong."""
     told = dict.fromkeys(("begun", "images", "right", "wrong"), 0)
     edges, _ = cv2.findContours(scene.mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
