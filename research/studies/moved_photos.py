@@ -247,7 +247,7 @@ def main() -> None:
     rows, total = [], dict[str, int]()
     for kind in asked.kinds.split(","):
         rng = np.random.default_rng((asked.seed, zlib.crc32(kind.encode())))
-        guests = [(k + int(rng.integers(1, len(photos)))) % len(photos) for k in taken]
+        guests = [(k + 1 + int(rng.integers(max(1, len(photos) - 1)))) % len(photos) for k in taken]
         drawn = zip(taken, guests, strict=True)
         runs = [follow_tool(draw_scene(photos[k], photos[g], kind, asked.frames, asked.seed)) for k, g in drawn]
         counts = {key: sum(run[key] for run in runs) for key in runs[0]}
