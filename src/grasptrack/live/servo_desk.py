@@ -305,7 +305,7 @@ class ServoDesk:
                 about, word="Waiting", tone="unstable", why=steering.why if steering else "for the first image"
             )
         word, tone = WORDS.get(command.state, ("Waiting", "unstable"))
-        if command.reason.startswith("explor"):  # its calibration would tell, too, in 50 ms
+        if command.state == "approaching" and steering.servo.is_exploring:
             word = "Exploring"
         error, height = np.nan_to_num([command.error_px, command.height], posinf=0.0, neginf=0.0).tolist()
         return replace(

@@ -168,6 +168,11 @@ class GraspServo:
         return self.state in OVER
 
     @property
+    def is_exploring(self) -> bool:
+        """Whether the exploratory moves, that of a second search among them, are not over yet."""
+        return self._known.is_exploring
+
+    @property
     def calibration(self) -> HandEye | None:
         """Focal length and mounting of the camera as the moves so far have told, with covariance; None before."""
         known = None if self._known.is_exploring else self._known.trusted_estimate()
