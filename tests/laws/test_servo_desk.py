@@ -167,6 +167,39 @@ def test_every_cause_ends_with_zero_twists_in_time_and_is_told(told: str) -> Non
     assert not cell.moves
 
 
+def test_an_arm_whose_order_fails_is_told_to_stand_until_it_is_taken() -> None:
+    """An arm of a plug-in may raise what it likes: neither the watch nor the control ends."""
+    cell = Cell()
+    cell.start_moving()
+    sound = cell.arm.send_order
+
+    def fail(order: Order) -> None:
+        raise RuntimeError("bus off")
+
+    cell.arm.send_order = fail  # type: ignore[method-assign]
+    cell.desk.step_control()
+    for _ in range(3):
+        cell.desk.watch_switch()
+    assert not cell.moment.held and "bus off" in cell.moment.why
+    cell.arm.send_order = sound  # type: ignore[method-assign]
+    cell.desk.watch_switch()
+    assert not cell.moves and not cell.arm.orders[-1].enabled
+
+
+def test_an_arm_that_raises_when_it_is_asked_is_not_moved() -> None:
+    cell = Cell()
+    cell.start_moving()
+
+    def fail() -> str:
+        raise RuntimeError("bus off")
+
+    cell.arm.why_not = fail  # type: ignore[method-assign]
+    cell.desk.watch_switch()
+    assert not cell.moves
+    cell.run(0.1)
+    assert not cell.moves and "bus off" in cell.moment.why
+
+
 def test_the_arm_stands_in_time_while_a_step_of_the_servo_takes_long(monkeypatch: pytest.MonkeyPatch) -> None:
     cell = Cell()
     cell.start_moving()

@@ -148,7 +148,7 @@ class ServoDesk:
         """
         with self._lock:
             steering = self._steering
-            why = self._arm.why_not()
+            why = self._why_not()
             if not self._follows:
                 why = "follow an object first"
             elif self._setup.goal is None:
@@ -202,8 +202,7 @@ class ServoDesk:
         finally:
             with self._lock:
                 self.switch.let_go("the session has ended")
-                self.watch_switch()
-                self._arm.send_order(Order(np.zeros(6)))
+                self._send_now(Order(np.zeros(6)))
                 self._arm.close()
 
     def _watch(self) -> None:
@@ -213,15 +212,27 @@ class ServoDesk:
 
     def watch_switch(self) -> None:
         """Have an arm that moves stand where the switch is not held, whatever the servo is at; waits for nobody."""
-        if self._moves and (self._arm.why_not() or not self.switch.is_held(self._clock())):
+        if self._moves and (self._why_not() or not self.switch.is_held(self._clock())):
             self._send_now(Order(np.zeros(6)))
 
+    def _why_not(self) -> str:
+        """Why the arm cannot be moved now; an error of a plug-in's is no end of the watch."""
+        try:
+            return self._arm.why_not()
+        except Exception as error:
+            return f"the arm does not answer: {type(error).__name__}: {error}"
+
     def _send_now(self, order: Order) -> None:
+        """Send it, or that the arm shall stand where the switch is not held any more."""
         with self._sending:  # what was decided may have taken long
             if order.enabled and not self.switch.is_held(self._clock()):
                 order = Order(np.zeros(6))
-            self._moves = order.enabled
-            self._arm.send_order(order._replace(image=self._seen.image))
+            self._moves = True  # until it has taken the order to stand
+            try:
+                self._arm.send_order(order._replace(image=self._seen.image))
+                self._moves = order.enabled
+            except Exception as error:
+                self.switch.let_go(f"the arm took no order: {type(error).__name__}: {error}")
 
     def step_control(self) -> None:
         """One period of control; whatever goes wrong in it ends the approach, and the arm is told to stand."""
@@ -240,7 +251,7 @@ class ServoDesk:
 
     def _decide_order(self) -> Order:
         now, standing = self._clock(), Order(np.zeros(6))
-        for why in (self._arm.why_not(), "" if self._follows else "no object is followed any more"):
+        for why in (self._why_not(), "" if self._follows else "no object is followed any more"):
             if why:
                 self.switch.let_go(why)
         held = self.switch.is_held(now)
@@ -297,7 +308,7 @@ class ServoDesk:
                 return replace(about, word="Closed", tone="tracked", why=servo.reason)
             return replace(about, word="Stopped", tone="lost", why=servo.reason)
         if not held:
-            why = self.switch.why or self._arm.why_not()
+            why = self.switch.why or self._why_not()
             return replace(about, word="Stopped", tone="unstable", why=why) if why else replace(about, why=IDLE)
         command: Command | None = None if steering is None else steering.command
         if steering is None or command is None or steering.why:
