@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_201,
     "research": 11_660,
     "native": 7_356,
-    "tests": 44_425,
+    "tests": 44_431,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 212
