@@ -50,7 +50,7 @@ from grasptrack.tracking.pose import (
     max_contact_distance,
     mean_point,
 )
-from grasptrack.tracking.redetection import Redetection, best_sighted_pose, place_is_empty
+from grasptrack.tracking.redetection import Redetection, best_sighted_pose, has_gone_from
 from grasptrack.tracking.rivals import Rivals
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.state import TrackState
@@ -285,7 +285,7 @@ class Follower:
         predictions = predictions._replace(background=ground, anew=True)
         if decision.is_accepted and e is not None and is_at(e, mean_point(self.target.carried_contacts(ground))):
             return decision, predictions  # what surrounds it need not lie in its plane
-        state.gone = self._has_gone_from(ground, levels, predictions)  # where that was, was not known
+        state.gone = has_gone_from(state, ground, levels, predictions.even)  # where that was, was not known
         solutions.expected = self._expected_location(predictions)
         solutions.add([Hypothesis("background", ground, state.P + self.target.noise_of_motion)])
         return solutions.decide_among(), predictions
@@ -431,15 +431,9 @@ class Follower:
         """What is expected changes where its place is seen without it."""
         state = self.state
         if not state.gone:
-            state.gone = self._has_gone_from(self._expected_pose(predictions), levels, predictions)
+            state.gone = has_gone_from(state, self._expected_pose(predictions), levels, predictions.even)
         if state.gone:
             solutions.expected = solutions.expected._replace(steps=ANYWHERE_STEPS)
-
-    def _has_gone_from(self, place: Floats, levels: list[Grey], predictions: Predictions) -> bool:
-        """Whether a place (3, 3) is seen without it, and that to which it moves on: beyond the border none is."""
-        moved_on = self.state.moved_on() if self.state.lost else predictions.even
-        places = [place, *([] if moved_on is None else [moved_on])]
-        return all(place_is_empty(self.target, self.state.located, levels, each) for each in places)
 
     def _learn_from_image(self, levels: list[Grey], decision: Decision, predictions: Predictions) -> None:
         state, e = self.state, decision.estimate

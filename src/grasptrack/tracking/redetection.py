@@ -413,6 +413,20 @@ def best_sighted_pose(state: TrackState, estimates: list[PoseEstimate], steps: f
     return None if best is None or best[0] <= 0.0 else best[1].G
 
 
+def has_gone_from(state: TrackState, place: Floats, levels: list[Grey], even: Floats | None) -> bool:
+    """Whether a place (3, 3) is seen without the object, and that to which it moves on: beyond the border none is.
+
+    Args:
+        state: of the object.
+        place: where it would rest.
+        levels: the image's pyramid.
+        even: (3, 3) where even motion has it, if it was in the last image; None where its motion is not known.
+    """
+    moved_on = state.moved_on() if state.lost else even
+    places = [place, *([] if moved_on is None else [moved_on])]
+    return all(place_is_empty(state.target, state.located, levels, each) for each in places)
+
+
 def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats) -> bool:
     """Whether an image shows, where G (3, 3) has the object, the background of the last look at it, and nothing in front."""
     depth = max(MIN_SIDE_DEPTH, SIDE_DEPTH * target.size)
