@@ -14,6 +14,8 @@ UNKNOWN_POSE: Floats = np.full((3, 3), np.nan)
 """The last pose, where none tells what moved."""
 WHOLE_WAY = 1.0
 """Half the blur of what began to move since the last image, while the shutter was open all the time: as far as it went."""
+SHARP = 0.0
+"""The same of a shutter that is open but for a moment."""
 NO_WITNESS: Floats = np.full(8, np.inf)
 """Variances of what the surface tells where it is not asked."""
 FIRST_POSE_SD = 0.05
@@ -25,7 +27,7 @@ def estimate_pose(
     levels: list[Grey],
     hypothesis: Hypothesis,
     *,
-    again: bool = False,
+    blur_share: float | None = None,
     still: bool = False,
     surface: bool = True,
 ) -> PoseEstimate | None:
@@ -35,7 +37,7 @@ def estimate_pose(
         state: of the object.
         levels: the image's pyramid.
         hypothesis: where it may be.
-        again: edges may be blurred by all that moved since the last image.
+        blur_share: half of an edge's blur, of what moved across it since the last image; None takes that which is believed.
         still: the last pose does not tell what moved since.
         surface: False to leave the texture out, which then is looked at only.
     """
@@ -58,7 +60,7 @@ def estimate_pose(
         *state.light,
         hypothesis.reach,
         state.edge_width,
-        WHOLE_WAY if again else state.blur_share,
+        state.blur_share if blur_share is None else blur_share,
         state.surface_lag if surface else NO_WITNESS,
         state.plane.aspect,
     )

@@ -190,8 +190,16 @@ class Follower:
             second = self.redetection.promising(levels, predictions.second)
             solutions.add(second + self.redetection.search_image(state, levels))
             decision = solutions.decide_among()
-        elif decision.is_accepted and state.lost and departure_probability(expected.steps, target.numbers) > risk:
-            # what lies at its place may be another one while it lies elsewhere
+        elif (
+            decision.is_accepted
+            and e is not None
+            and (
+                solutions.falls_short(e)
+                if not state.lost
+                else departure_probability(expected.steps, target.numbers) > risk
+            )
+        ):
+            # what lies at its place may be another one, or its texture have slid, while it lies elsewhere
             solutions.add(self.redetection.search_image(state, levels))
             decision = solutions.decide_among()
         decision, predictions = self._among_surroundings(decision, levels, predictions, solutions)
@@ -219,6 +227,7 @@ class Follower:
         state, solutions = self.state, sight.solutions
         decision = sight.decision.with_alias(alias) if alias else sight.decision
         self._learn_from_image(sight.levels, decision, sight.predictions)
+        state.learn_shutter(solutions.sharp_gain)
         if state.lost:
             state.sighted = best_sighted_pose(state, solutions.found, solutions.expected.steps)
         return decision

@@ -10,17 +10,19 @@ import numpy as np
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import PoseFlow, seen_area
 from grasptrack.tracking.decision import Decision, Expected, decide_pose
-from grasptrack.tracking.estimator import estimate_pose
+from grasptrack.tracking.estimator import SHARP, WHOLE_WAY, estimate_pose
 from grasptrack.tracking.evidence import STILL_FROM, expected_texture, outline_evidence, pose_evidence, texture_evidence
 from grasptrack.tracking.patches import LEAST_NOISE
 from grasptrack.tracking.pose import (
     CONTINUOUS,
+    SAME_PLACE,
     Hypothesis,
     Look,
     PoseEstimate,
     changed_estimate,
     largest_sigma,
     lead_alike,
+    max_contact_distance,
     sane_area,
     worst_variance,
 )
@@ -197,6 +199,7 @@ class Solutions:
     Attributes:
         found: one estimate of each hypothesis that has one.
         expected: as given; more may become known.
+        sharp_gain: log-odds of this image that the shutter is open but for a moment, against as long as believed.
         marks: see `Decision`.
     """
 
@@ -214,6 +217,7 @@ class Solutions:
         self.expected = expected
         self._state, self._levels, self.marks = state, levels, state.marks
         self._second: list[tuple[PoseEstimate, PoseEstimate | None]] = []
+        self._sharpest, self.sharp_gain = -math.inf, 0.0
         self.add(hypotheses)
 
     def decide_among(self) -> Decision:
@@ -227,7 +231,7 @@ class Solutions:
             if state.lost and self._is_answered(hypothesis):
                 continue
             # where it was a moment ago does not tell how it moves
-            still = bool(state.lost) or hypothesis.origin not in CONTINUOUS
+            still = bool(state.lost) or not self._goes_on(hypothesis)
             estimate = estimate_pose(state, self._levels, hypothesis, still=still)
             if estimate is None or (self._is_taken is not None and self._is_taken(estimate)):
                 continue
@@ -242,7 +246,36 @@ class Solutions:
                     estimate = other
                 else:
                     estimate = changed_estimate(estimate, confirmed=True)
+            if not still and estimate.hidden > state.numbers.elsewhere:
+                estimate = self._against_shutter(estimate, hypothesis)
             self.found.append(self._against_outline(estimate, still=still))
+
+    def _against_shutter(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> PoseEstimate:
+        """An estimate, or the one through a shutter that is open but for a moment, if this and former images speak for that.
+
+        One that is believed to be open for longer lets edges be blurred far and wide, and whatever texture lies there bears it
+        out.
+        """
+        state = self._state
+        way = max_contact_distance(estimate.contacts, state.target.carried_contacts(state.last.G))
+        if state.blur_share * way < state.edge_width:  # blur would not show
+            return estimate
+        sharp = estimate_pose(state, self._levels, hypothesis, blur_share=SHARP)
+        if sharp is None:
+            return estimate
+        score = self._score_estimate(sharp, hypothesis)
+        gain = score - self._score_estimate(estimate, hypothesis)
+        if score > self._sharpest:
+            self._sharpest, self.sharp_gain = score, gain
+        return sharp if state.sharp + gain > 0.0 else estimate
+
+    def _goes_on(self, hypothesis: Hypothesis) -> bool:
+        """Whether the object would be about where continuity has it, so that its last pose tells how it moves."""
+        if hypothesis.origin in CONTINUOUS:
+            return True
+        target = self._state.target
+        away = max_contact_distance(target.carried_contacts(hypothesis.G), self.expected.contacts)
+        return away < SAME_PLACE * math.sqrt(sane_area(target, hypothesis.G))
 
     def _is_answered(self, hypothesis: Hypothesis) -> bool:
         """Whether an answer that shows the object lies where a hypothesis would lead."""
@@ -257,7 +290,7 @@ class Solutions:
                 return None if second is None else changed_estimate(second, origin=estimate.origin)
         P, reach = estimate.P + target.noise_of_motion, target.numbers.wide * target.size
         farther = Hypothesis(estimate.origin, estimate.G, P, reach)
-        found = estimate_pose(self._state, self._levels, farther, again=True, still=still)
+        found = estimate_pose(self._state, self._levels, farther, blur_share=WHOLE_WAY, still=still)
         self._second.append((estimate, found))
         if found is not None:
             self._second.append((found, found))

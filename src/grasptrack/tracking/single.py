@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, any_of, decide_pose
-from grasptrack.tracking.estimator import estimate_pose
+from grasptrack.tracking.estimator import WHOLE_WAY, estimate_pose
 from grasptrack.tracking.evidence import other_surface_odds, pose_evidence, surface_evidence
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.pose import (
@@ -54,7 +54,7 @@ def single_estimate(state: TrackState, levels: list[Grey], hypothesis: Hypothesi
     def solve_from(G: Floats, P: Floats, reach: float = 0.0) -> list[PoseEstimate]:
         # between two images without a time nothing moved while it was exposed
         trial = Hypothesis(hypothesis.origin, G, P, reach)
-        found = estimate_pose(state, levels, trial, again=reach > 0.0, still=True)
+        found = estimate_pose(state, levels, trial, blur_share=WHOLE_WAY if reach > 0.0 else None, still=True)
         return [] if found is None else [found]
 
     tight = hypothesis.P * numbers.predicted**2

@@ -260,6 +260,7 @@ class TrackState:
         sides: probability that a thick part's sides are seen as the object, so that its outline is the lower face's.
         edge_width: work px, standard deviation of an edge at rest: how far the image is out of focus.
         blur_share: half of an edge's blur, of what moved across it since the last image: how long the shutter is open.
+        sharp: log-odds that it is open but for a moment instead.
         usual: of each patch of the three finest levels: its correlation of late.
         time, interval: s, of the last image; a usual time between images.
         visible: (N,) probability of each sample of the outline to be visible in the last image; empty where that is not known.
@@ -320,6 +321,7 @@ class TrackState:
     blur_share: float
     usual: list[Floats]
     time: float | None
+    sharp: float = 0.0
     belt: Floats | None = None
     interval: float | None = None
     stale: FadingRatio = field(default_factory=lambda: FadingRatio(0.0, STALE_PRIOR))
@@ -470,6 +472,11 @@ class TrackState:
         if levels is self.last.levels:  # it was found there
             return self.shutter.shown
         return self.shutter.bend_about(self.target, G, self.steps)
+
+    def learn_shutter(self, gain: float) -> None:
+        """Log-odds of images that the shutter is open but for a moment add up, as far as it may change between two of them."""
+        most = -math.log(self.numbers.hazard)
+        self.sharp = min(max(self.sharp + gain, -most), most)
 
     def note_lookalike(self) -> None:
         """An image shows the object where it was, and something just like it elsewhere."""
