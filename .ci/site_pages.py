@@ -27,6 +27,15 @@ def packages() -> dict[str, tuple[str, list[str]]]:
     return {package: (body.split("\n")[0], NAME.findall(body)) for package, body in SECTION.findall(text)}
 
 
+def on_config(config: MkDocsConfig) -> None:
+    """List the packages' pages below the API's, so that one leads to the next."""
+    for section in (entry for named in config.nav for entry in named.values() if isinstance(entry, list)):
+        for entry in section:
+            if entry.get("API") == "api.md":
+                pages = [{f"grasptrack.{package}": f"api/{package}.md"} for package in packages()]
+                entry["API"] = ["api.md", *pages]
+
+
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages."""
     from mkdocs.structure.files import File, InclusionLevel
@@ -38,9 +47,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
     for path, page in OUTSIDE.items():
         text = (ROOT / path).read_text(encoding="utf-8").replace("](docs/", "](")
-        files.append(File.generated(config, page, content=text))
-    for path in sorted((ROOT / "examples").glob("*.py")):
-        add(f"examples/{path.stem}.md", f"# {path.name}\n\n```python\n{path.read_text(encoding='utf-8')}```\n")
+        made = File.generated(config, page, content=text)
+        made.edit_uri = f"../{path}"
+        files.append(made)
+    examples = {path.stem: path.read_text(encoding="utf-8") for path in sorted((ROOT / "examples").glob("*.py"))}
+    for stem, text in examples.items():
+        add(f"examples/{stem}.md", f"# {stem}.py\n\n```python\n{text}```\n")
     robots = sorted((ROOT / "examples" / "robots").glob("*.*"))
     shown = [f"## {path.name}\n\n```\n{path.read_text(encoding='utf-8')}```\n" for path in robots]
     add("examples/robots.md", "\n".join(["# Clients in robots' own languages\n", *shown]))
@@ -48,7 +60,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         # `grasptrack.transfer` is a package and a function: the function is named by its whole path.
         paths = [f"{package}.{name}" if name == package else name for name in names]
         listed = "\n\n".join(f"::: grasptrack.{path}" for path in paths)
-        add(f"api/{package}.md", f"# grasptrack.{package}\n\n{about.replace('](', '](../')}\n\n{listed}\n")
+        asked = re.compile(rf"\bgt\.({'|'.join(names)})\b")
+        shown = [f"[{stem}.py](../examples/{stem}.md)" for stem, text in examples.items() if asked.search(text)]
+        used = f"\n\nIn use: {', '.join(shown)}." if shown else ""
+        add(f"api/{package}.md", f"# grasptrack.{package}\n\n{about.replace('](', '](../')}{used}\n\n{listed}\n")
     return files
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether confidence is the probability that it says, and what each risk costs: wrong answers of runs of `grasptrack evaluate`,
+"""Whether confidence is the probability that it says, and what each risk costs: wrong answers of evaluations that ran,
 counted and expected, and the share of frames that is answered at each risk, beside other methods where a run has them."""
 
 from __future__ import annotations

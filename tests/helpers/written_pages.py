@@ -5,10 +5,12 @@
 
 `cli.md` is the help of every verb, `api.md` the first sentence of every public name, `published.schema.json` a line that
 `--publish` sends, `tables/scenes.md` the disturbances and the peers, `tables/numbers.md` the core's free numbers; tables of
-reasons, of columns and of formats stand between their marks in `troubleshooting.md`, `files.md` and `sources.md`.
+reasons, of columns, of formats and of studies stand between their marks in `troubleshooting.md`, `files.md`, `sources.md` and
+`evaluation.md`.
 `tests/scenarios/test_docs.py` compares all of them.
 """
 
+import ast
 import inspect
 import json
 import re
@@ -290,6 +292,16 @@ def fill_formats(page: str) -> str:
     return _fill(page, rows)
 
 
+def fill_studies(page: str) -> str:
+    """The page on evaluation with its table of studies written anew."""
+    rows = ["| NAME | what it tells |", "|---|---|"]
+    for path in sorted((ROOT / "research" / "studies").glob("*.py")):
+        if path.stem not in ("__init__", "common"):
+            told = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+            rows.append(f"| `{path.stem}` | {' '.join(told.partition(chr(10) * 2)[0].split())} |")
+    return _fill(page, rows)
+
+
 def published_schema() -> dict[str, Any]:
     """A line of `--publish` in JSON, as a JSON schema."""
     results = {name: _or_null(kind) for name, kind in result_schema()["properties"].items()}
@@ -330,6 +342,7 @@ def _fill(page: str, lines: list[str]) -> str:
 def pages() -> dict[Path, str]:
     """Every written page, by its file."""
     trouble, files, sources = DOCS / "troubleshooting.md", DOCS / "files.md", DOCS / "sources.md"
+    evaluation = DOCS / "evaluation.md"
     return {
         DOCS / "cli.md": command_line_page(),
         DOCS / "api.md": api_page(),
@@ -339,6 +352,7 @@ def pages() -> dict[Path, str]:
         trouble: fill_reasons(trouble.read_text(encoding="utf-8")),
         files: fill_columns(files.read_text(encoding="utf-8")),
         sources: fill_formats(sources.read_text(encoding="utf-8")),
+        evaluation: fill_studies(evaluation.read_text(encoding="utf-8")),
     }
 
 

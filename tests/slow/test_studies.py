@@ -39,6 +39,7 @@ SMALLEST = {
     "recording": "--frames 4 --rounds 1",
     "polygons": "--data DATA --fit",
     "first_outline": "--shapes bracket --kinds gap --frames 4",
+    "gallery": "--sections Strategies --pictures DATA/gallery",
     "live_page": "--frames 4 --blocks 1 --seconds 0.5 --viewers client",
     "loop": "--frames 4 --repeat 1 --long 0 --starts 1",
     "matching": "--shapes bracket --pairs 1 --cut 1 --images 1",
