@@ -6,12 +6,13 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+from pathlib import Path
+from typing import Any
 
 _LINE_ENDS = re.compile(r"\s*[\r\n]\s*")
 LONGEST = 300
 """Characters of a message."""
-SIM_EXTRA = '".[sim]" '
-"""Of this package, which the simulation of grasptrack-bench needs beside it."""
+IN_A_COPY = " in a copy of the repository"
 
 
 def one_line(text: str) -> str:
@@ -42,13 +43,49 @@ def own_pip() -> str:
 
 
 def install_hint(extra: str) -> str:
-    """How to install what an extra of this package adds."""
-    return f'{own_pip()} install "grasptrack[{extra}]"'
+    """How to install what an extra of this package adds: from where this installation came, which need not be an index."""
+    origin = _told_origin()
+    vcs = origin.get("vcs_info")
+    if "dir_info" in origin:
+        return f"{own_pip()} install {_copied_package(extra)}{'' if _copy_folder() else IN_A_COPY}"
+    where = f" @ {vcs['vcs']}+{origin['url']}@{vcs['commit_id']}" if vcs else f" @ {origin['url']}" if origin else ""
+    return f'{own_pip()} install "grasptrack[{extra}]{where}"'
 
 
 def bench_hint(extra: str = "") -> str:
-    """How to install what the distribution grasptrack-bench adds."""
-    return f"which is not installed: {own_pip()} install {extra}./bench in a checkout"
+    """How to install what the distribution grasptrack-bench adds, with an extra of this one where it needs that."""
+    own, folder = f"{_copied_package(extra)} " if extra else "", _copy_folder()
+    bench = shlex.quote(str(folder / "bench")) if folder else f"./bench{IN_A_COPY}"
+    return f"which is not installed: {own_pip()} install {own}{bench}"
+
+
+def _told_origin() -> dict[str, Any]:
+    """What pip noted of where this installation came from (PEP 610); empty where it came from an index."""
+    import json
+    from importlib import metadata
+
+    try:
+        noted = metadata.distribution("grasptrack").read_text("direct_url.json")
+    except metadata.PackageNotFoundError:  # it runs out of a copy
+        return {"dir_info": {}, "url": ""}
+    origin: dict[str, Any] = json.loads(noted) if noted else {}
+    return origin
+
+
+def _copy_folder() -> Path | None:
+    """The copy of the repository that was installed, where it is still there."""
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
+    origin = _told_origin()
+    folder = Path(url2pathname(urlsplit(origin.get("url", "")).path))
+    return folder if "dir_info" in origin and origin["url"] and (folder / "pyproject.toml").is_file() else None
+
+
+def _copied_package(extra: str) -> str:
+    """The words by which pip installs this package out of a copy, as it is installed now."""
+    editable = "-e " if _told_origin().get("dir_info", {}).get("editable") else ""
+    return f'{editable}"{_copy_folder() or "."}[{extra}]"'
 
 
 def without_kernels(why: str) -> ImportError:

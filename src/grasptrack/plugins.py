@@ -57,7 +57,7 @@ def import_extra(module: str, extra: str, purpose: str) -> Any:
 
     Args:
         module: its dotted name.
-        extra: in ``pip install "grasptrack[extra]"``.
+        extra: of this package; see `grasptrack.errors.install_hint`.
         purpose: what needs it, as the subject of the message.
 
     Raises:

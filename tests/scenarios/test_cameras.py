@@ -15,7 +15,7 @@ import pytest
 import fake_devices
 from grasptrack import SourceError, open_source
 from grasptrack.cli.main import main
-from grasptrack.errors import InputError
+from grasptrack.errors import InputError, install_hint
 from grasptrack.io import live
 from grasptrack.io.base import Frame
 from grasptrack.io.cameras import realsense
@@ -218,14 +218,11 @@ def test_an_absent_driver_is_one_line_that_names_its_extra(
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setattr("grasptrack.plugins.find_spec", lambda name: None)
-    assert said(spec).endswith(f'{sys.executable} -m pip install "grasptrack[{extra}]"')
+    assert said(spec).endswith(install_hint(extra))
     if extra == "pylon":
         monkeypatch.setattr(realsense, "attached_realsense", list)  # its search takes two seconds
         assert main(["cameras"]) == 0
-        assert (
-            f'pylon: a camera of Basler\'s needs pypylon: {sys.executable} -m pip install "grasptrack[pylon]"'
-            in capsys.readouterr().out
-        )
+        assert f"pylon: a camera of Basler's needs pypylon: {install_hint('pylon')}" in capsys.readouterr().out
 
 
 def test_settings_are_for_what_has_some(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from grasptrack.cli.main import main
+from grasptrack.errors import install_hint
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.grasp.hand import Hand
@@ -61,7 +62,7 @@ def test_without_the_extra_it_says_what_to_install(
 
     monkeypatch.setattr(builtins, "__import__", without)
     assert main(["servo"]) == 2
-    assert 'pip install "grasptrack[sim]"' in capsys.readouterr().err
+    assert install_hint("sim") in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -2,8 +2,13 @@
 """`grasptrack doctor` tells what is there, what is missing, and what is wrong."""
 
 import importlib.metadata as metadata
+import json
+import re
+import shlex
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import pytest
@@ -12,6 +17,7 @@ import grasptrack
 from grasptrack import kernels
 from grasptrack.cli import support
 from grasptrack.cli.main import main
+from grasptrack.errors import bench_hint, install_hint
 
 BESIDE = {"dev", "all", "docs"}
 
@@ -32,7 +38,51 @@ def test_what_an_extra_lacks_is_named_with_this_environments_pip(monkeypatch: py
     monkeypatch.setattr(support, "version_of", lambda package: "")
     findings = {f.name: f for f in support.examine_extras()}
     assert findings["sim"].mark == "--"
-    assert f'{sys.executable} -m pip install "grasptrack[sim]" adds mujoco' in findings["sim"].text
+    assert f"{install_hint('sim')} adds mujoco" in findings["sim"].text
+
+
+COPY = Path(__file__).resolve().parents[2]
+GONE = "file:///no/such/copy"
+
+
+@pytest.mark.parametrize(
+    ("noted", "words"),
+    [
+        (None, ["grasptrack[sim]"]),
+        ({"url": COPY.as_uri(), "dir_info": {}}, [f"{COPY}[sim]"]),
+        ({"url": COPY.as_uri(), "dir_info": {"editable": True}}, ["-e", f"{COPY}[sim]"]),
+        ({"url": GONE, "dir_info": {}}, [".[sim]", "in", "a", "copy", "of", "the", "repository"]),
+        ({"url": "file:///a/b.whl", "archive_info": {}}, ["grasptrack[sim] @ file:///a/b.whl"]),
+        (
+            {"url": "https://example.org/g", "vcs_info": {"vcs": "git", "commit_id": "abc"}},
+            ["grasptrack[sim] @ git+https://example.org/g@abc"],
+        ),
+    ],
+)
+def test_an_extra_comes_from_where_the_program_came(
+    monkeypatch: pytest.MonkeyPatch, noted: dict[str, Any] | None, words: list[str]
+) -> None:
+    """As PEP 610 notes it; whatever pip is asked for is a requirement by PEP 508, or a folder that is there."""
+    told = SimpleNamespace(read_text=lambda name: None if noted is None else json.dumps(noted))
+    monkeypatch.setattr(metadata, "distribution", lambda name: told)
+    assert shlex.split(install_hint("sim")) == [sys.executable, "-m", "pip", "install", *words]
+    folder = str(COPY / "bench") if COPY.as_uri() in str(noted) else "./bench"
+    assert folder in shlex.split(bench_hint("sim"))
+
+
+def test_no_page_names_an_index_that_does_not_have_it() -> None:
+    pages = [*COPY.glob("*.md"), *(COPY / "docs").rglob("*.md"), *COPY.glob("ros/*.md"), *COPY.glob("bench/*.md")]
+    assert [page for page in pages if re.search(r"install .*\bgrasptrack\[", page.read_text(encoding="utf-8"))] == []
+
+
+def test_alone_it_says_three_steps_and_what_they_lack(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([]) == 0
+    steps = re.findall(r"^  (grasptrack .*?)  ", capsys.readouterr().out, re.MULTILINE)
+    assert [step.split()[1] for step in steps] == ["demo", "track", "live"]
+    monkeypatch.setattr(support, "version_of", lambda package: "")
+    assert main([]) == 0 and install_hint("live") in capsys.readouterr().out
 
 
 def test_kernels_that_cannot_be_loaded_are_wrong(monkeypatch: pytest.MonkeyPatch) -> None:

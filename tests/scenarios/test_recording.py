@@ -2,6 +2,7 @@
 """What a run is recorded as: MCAP for Foxglove and RRD for rerun, read back by their own libraries; and lines of JSON."""
 
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 
 from grasptrack import GraspTracker, open_source
 from grasptrack.cli.main import main
-from grasptrack.errors import InputError
+from grasptrack.errors import InputError, install_hint
 from grasptrack.io.columns import result_fields
 from grasptrack.io.recording import HALF, covariance_ellipses, open_recording
 from grasptrack.io.run import run_track
@@ -200,13 +201,43 @@ def test_wrong_recordings_are_one_line(
     assert reason in refused(["track", str(tmp_path / "in"), "--output", str(tmp_path / "o"), *more], capsys)
 
 
+@pytest.mark.parametrize(
+    ("words", "module", "extra"),
+    [
+        (["track", "IN", "--record", "OUT/run.rrd"], "rerun", "rerun"),
+        (["track", "IN", "--record", "OUT/run.mcap"], "foxglove", "foxglove"),
+        (["track", "MCAP", "--record", "OUT/run.mcap"], "mcap_protobuf.decoder", "foxglove"),
+        (["live", "IN", "--record-as", "rrd", "--port", "0", "--start", "--until-end"], "rerun", "rerun"),
+        (["live", "IN", "--port", "0", "--start", "--until-end"], "websockets", "live"),
+        (["live", "IN", "--port", "0", "--start", "--until-end"], "starlette", "live"),
+    ],
+)
+def test_what_is_missing_is_told_before_anything_is_written(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    module: str,
+    extra: str,
+) -> None:
+    frames, mcap, out = plates(tmp_path / "in", 2), tmp_path / "run.mcap", tmp_path / "out"
+    track(frames, tmp_path / "first", "--record", str(mcap))
+    out.mkdir()
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setattr("grasptrack.plugins.find_spec", lambda name: None)
+    there = {"IN": str(frames), "MCAP": str(mcap)}
+    given = [there.get(word, word.replace("OUT", str(out))) for word in words]
+    assert install_hint(extra) in refused([*given, "--output", str(out)], capsys)
+    assert list(out.iterdir()) == []
+
+
 @pytest.mark.parametrize(("suffix", "module", "extra"), [(".mcap", "foxglove", "foxglove"), (".rrd", "rerun", "rerun")])
 def test_an_absent_package_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, module: str, extra: str
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setattr("grasptrack.plugins.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=rf'pip install "grasptrack\[{extra}\]"'):
+    with pytest.raises(InputError, match=re.escape(install_hint(extra))):
         open_recording(tmp_path / f"run{suffix}")
 
 

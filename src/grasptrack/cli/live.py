@@ -12,7 +12,7 @@ import typer
 from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.help_groups import PAGE, as_asked, option
 from grasptrack.cli.terminal import Interruption, show_run, tell_line
-from grasptrack.errors import InputError, install_hint
+from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -92,19 +92,22 @@ def live(
     grasp.finger_count(at_most_three=True)
     said = first.first_image(grasp.given_contacts())
     settings = first_image.tracker_settings(grasp, first, hand, known)
-    try:
-        from grasptrack.live.server import PageServer, bind_socket
-    except ImportError as error:
-        raise InputError(f"the live page needs {error.name}: {install_hint('live')}") from None
+    from grasptrack.plugins import import_extra
 
+    for module in ("starlette", "uvicorn", "websockets"):
+        import_extra(module, "live", "the live page")
     from grasptrack.files import hold_folder, keep_inputs
     from grasptrack.io.arms import open_arm
+    from grasptrack.io.recording import try_recorder
     from grasptrack.io.run import FILES
     from grasptrack.io.sources import open_source
+    from grasptrack.live.server import PageServer, bind_socket
     from grasptrack.live.servo_desk import ServoDesk
     from grasptrack.live.session import LiveSession
     from grasptrack.servo.setup import ServoSetup
 
+    if record_as != "mp4":
+        try_recorder(f".{record_as}")
     setup = None if servo is None else ServoSetup.load(servo)
     frames = open_source(source, images.fps, settings=images.camera_settings())
     keep_inputs((output / name for name in FILES), [*frames.files, *first.files()])

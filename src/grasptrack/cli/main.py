@@ -18,7 +18,7 @@ from grasptrack.cli.find import find
 from grasptrack.cli.help_groups import with_options
 from grasptrack.cli.inspect import inspect
 from grasptrack.cli.live import live
-from grasptrack.cli.support import cameras, doctor, models
+from grasptrack.cli.support import cameras, doctor, models, tell_first_steps
 from grasptrack.cli.synthesize import synthesize
 from grasptrack.cli.teach import parts, teach
 from grasptrack.cli.terminal import (
@@ -115,8 +115,9 @@ _add_verb(doctor, help_groups.SUPPORT, "Say what is installed, what is missing, 
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line: arguments without the program's name, the process's if None; where there are none, it helps."""
-    status = run_app(app, (sys.argv[1:] if arguments is None else arguments) or ["--help"], "grasptrack")
+    """Run the verb of arguments without the program's name, the process's if None; without any it says what to begin with."""
+    given = sys.argv[1:] if arguments is None else arguments
+    status = run_app(app, given, "grasptrack") if given else tell_first_steps()
     if arguments is None:  # this process has nothing else to do
         end_process(status)
     return status

@@ -34,12 +34,28 @@ EXTRAS = {
 OPENCV = ("opencv-python-headless", "opencv-python", "opencv-contrib-python-headless", "opencv-contrib-python")
 
 
+FIRST_STEPS = """Choose a grasp on a flat object once, then find the same physical contacts in every image that follows.
+
+Three steps to begin with:
+  grasptrack demo              a rendered scene with known truth, tracked
+  grasptrack track video.mp4   your own images; also a folder, a photo, camera:0, rtsp://...
+  grasptrack live camera:0     a page in the browser: click the object, look on, record"""
+
+
 class Remark(NamedTuple):
     """One line; its mark is "ok", "--" for what is not installed, or "!!" for what is wrong."""
 
     mark: str
     name: str
     text: str
+
+
+def tell_first_steps() -> int:
+    """Tell what the program does, three steps to begin with, what they lack, and where all else is said."""
+    lacks = any(name == "live" and mark != "ok" for mark, name, _ in examine_extras())
+    typer.echo(FIRST_STEPS + (f"\n  (which needs: {install_hint('live')})\n" if lacks else "\n"))
+    typer.echo("All verbs: grasptrack --help. What is installed, and what is wrong: grasptrack doctor.")
+    return 0
 
 
 def doctor() -> None:

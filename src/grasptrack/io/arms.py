@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
 from grasptrack import arguments
-from grasptrack.errors import SIM_EXTRA, InputError, bench_hint
+from grasptrack.errors import InputError, bench_hint
 from grasptrack.io.base import Source
 from grasptrack.plugins import load_plugin, plugin_names
 from grasptrack.servo.camera import check_pose
@@ -110,7 +110,7 @@ def open_arm(url: str, source: Source) -> Arm:
         arm: Arm = found(url, source)
         return arm
     if kind == "sim":
-        raise InputError(f'"sim:" is the simulated hand of grasptrack-bench, {bench_hint(SIM_EXTRA)}', url=url)
+        raise InputError('"sim:" is the simulated hand of grasptrack-bench, ' + bench_hint("sim"), url=url)
     known = ", ".join(["tcp://HOST:PORT", "sim:", *(f"{name}:" for name in plugin_names("grasptrack.arms"))])
     raise InputError(f'"{url}" is no arm; there are {known}', url=url)
 

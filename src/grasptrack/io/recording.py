@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
 import numpy as np
@@ -86,6 +87,12 @@ def create_recording(path: Path, *, quality: int | None = None, options: Callabl
         raise InputError(f'"{path}" cannot be written: there is no folder "{path.parent}"', path=str(path))
     recording: Recording = load_plugin("grasptrack.recorders", suffix[1:])(path, quality, options)
     return recording
+
+
+def try_recorder(suffix: str) -> None:
+    """Raise what `create_recording` would, before there is anything to record: a page's Record comes late."""
+    with TemporaryDirectory() as folder:
+        create_recording(Path(folder) / f"tried{suffix}").close()
 
 
 # --- options for tracking a recording again -------------------------------------------------------

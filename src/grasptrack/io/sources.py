@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from grasptrack import arguments
-from grasptrack.errors import SIM_EXTRA, SourceError, bench_hint
+from grasptrack.errors import SourceError, bench_hint
 from grasptrack.io.bags.source import is_bag, open_bag
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.cameras.v4l import open_webcam
@@ -96,7 +96,7 @@ def open_source(
         raise SourceError(f'"{text}" is neither a file nor a folder', path=text)
     if colon and kind.isalpha() and len(kind) > 1:
         if kind == "sim":
-            raise SourceError(f'"sim:" is the simulated hand of grasptrack-bench, {bench_hint(SIM_EXTRA)}', spec=text)
+            raise SourceError('"sim:" is the simulated hand of grasptrack-bench, ' + bench_hint("sim"), spec=text)
         known = ", ".join(sorted({*_OPENERS, *plugin_names("grasptrack.sources")}))
         raise SourceError(f'"{kind}:" is no kind of source; there are {known}', spec=text)
     raise SourceError(f'"{text}" does not exist: give {_KINDS}', path=text)

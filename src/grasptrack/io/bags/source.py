@@ -49,11 +49,13 @@ class BagSource(Source):
         bag = self._open_bag()
         try:
             topics = self._translate_errors(bag.topics)
-            if isinstance(bag, McapFile) and any(t.name == RESULT_TOPIC for t in topics):
-                self.recorded_with = bag.tracking_options()
+            self._topic = chosen = _choose_topic(path, topics, topic)
+            if isinstance(bag, McapFile):
+                self._translate_errors(lambda: bag.prepare_topic(chosen.name))
+                if any(t.name == RESULT_TOPIC for t in topics):
+                    self.recorded_with = bag.tracking_options()
         finally:
             bag.close()
-        self._topic = _choose_topic(path, topics, topic)
         self._own = self._topic.name == IMAGE_TOPIC and any(t.name == RESULT_TOPIC for t in topics)
         self.count = self._topic.length
         self.exact = self._topic.image_form != "video"
@@ -263,6 +265,13 @@ class McapFile:
                 time = json.loads(message.data).get("time_s")
                 yield time, held[1]
                 held = None
+
+    def prepare_topic(self, name: str) -> None:
+        """Raise what its messages cannot be read without, before one is asked for; a file without an index tells later."""
+        if self._summary is not None:
+            for channel in self._summary.channels.values():
+                if channel.topic == name:
+                    self._decoder_for(self._summary.schemas.get(channel.schema_id), channel)
 
     def _decoder_for(self, schema: Any, channel: Any) -> Callable[[bytes], Any]:
         decoder = self._decoders.get(channel.id)
