@@ -81,7 +81,6 @@ ELSEWHERE = {
     "pip check": "pip's own",
     "pip install --no-binary av av": "builds FFmpeg's bindings from source",
     "python tests/slow/golden.py --write": "writes a file of the repository; tests/slow/test_golden.py runs the rest",
-    "python tests/fuzz/long_live.py --seconds 3600": "tests/slow/test_live_fuzz.py runs it for seconds",
     "python tests/fuzz/servo_calls.py --count 10000 --real 250 --seed 21": "tests/slow/test_fuzz.py runs some of it",
     "python tests/helpers/setup_errors.py": "tests/slow/test_servo_setups.py runs all of it",
     "python tests/helpers/written_pages.py": "writes files of the repository; tests/scenarios/test_docs.py compares them",

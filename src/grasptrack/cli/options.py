@@ -75,7 +75,7 @@ Publish = Annotated[
     option(
         OUTPUT,
         "ADDRESS",
-        "Send a line for every frame to whoever connects to tcp://HOST:PORT: JSON, or with ?format=fixed columns for robots.",
+        "Send a line for every frame to whoever connects to tcp:// or ws://HOST:PORT: JSON, or with ?format=fixed columns.",
     ),
 ]
 NoVideo = Annotated[bool, option(OUTPUT, None, "Do not write overlay.mp4.", "--no-video")]

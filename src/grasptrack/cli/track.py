@@ -86,8 +86,8 @@ def track(
     Where the choice of the object is not sure, candidates.png shows the likeliest, numbered, and --choose takes one.
 
     Writes grasps.csv (one row for every frame), run.json, overlay.mp4 and summary.png. Ctrl-C keeps what was computed.
-    --record adds a file for Foxglove or rerun, --jsonl a line of JSON for every frame; --publish sends it over TCP. Says first
-    how well the object can be tracked, as `grasptrack inspect` does.
+    --record adds a file for Foxglove or rerun, --jsonl a line of JSON for every frame; --publish sends it over TCP or
+    WebSocket. Says first how well the object can be tracked, as `grasptrack inspect` does.
 
     Of a live source the newest image is taken, and what comes in the meantime is dropped. One that goes away is opened again.
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results over TCP: a line for every frame to whoever connects, for robot controllers and PLCs.
+"""Results over TCP or WebSocket: a line for every frame to whoever connects, for robot controllers, PLCs and panels.
 
 Whoever tracks hands a result over and goes on; a thread of its own sends. A client gets the newest result once it has taken
-the line before: one that is slow misses results, and nothing waits for it here. Nothing is read from a client.
+the line before: one that is slow misses results, and nothing waits for it here. Nothing is read from a client of TCP.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from urllib.parse import parse_qsl, urlsplit
 from grasptrack.errors import InputError
 from grasptrack.io.columns import IN_JSON, result_fields
 from grasptrack.io.recording import json_line
+from grasptrack.io.websocket import WebSocketPeer, text_message
 
 if TYPE_CHECKING:
     from grasptrack.io.base import Frame
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 VERSION = 1
 """Of the lines; raised when a field changes its meaning or goes away."""
 FORMATS = ("json", "fixed")
+TCP, WEBSOCKET = "tcp", "ws"
 SILENT = "silent"
 """Status of a line without a frame."""
 SILENCE = 1.0
@@ -58,28 +60,34 @@ class PublishAddress(NamedTuple):
         port: 0 takes a free one.
         form: one of `FORMATS`.
         rate: lines/s that a client is sent at most.
+        scheme: `TCP`, or `WEBSOCKET`, where each line is a message.
+        origin: of web pages that may listen to a WebSocket; see `WebSocketPeer`.
     """
 
     host: str
     port: int
     form: str = "json"
     rate: float = math.inf
+    scheme: str = TCP
+    origin: str = ""
 
 
 def parse_publish_address(text: str) -> PublishAddress:
-    """The address as `--publish` takes it: tcp://HOST:PORT, HOST:PORT or PORT, with ?format= and &rate=."""
+    """The address as `--publish` takes it: tcp or ws://HOST:PORT, HOST:PORT or PORT, with ?format=, &rate= and &origin=."""
     try:
         parts = urlsplit(text if "://" in text else f"tcp://{'127.0.0.1:' * text.partition('?')[0].isdecimal()}{text}")
         settings = dict(parse_qsl(parts.query, strict_parsing=True) if parts.query else ())
         form, rate = settings.pop("format", FORMATS[0]), float(settings.pop("rate", "inf"))
-        plain = parts.scheme == "tcp" and not (parts.path or parts.fragment or parts.username or settings)
+        origin = settings.pop("origin", "") if parts.scheme == WEBSOCKET else ""
+        path = parts.path if parts.scheme == TCP else parts.path.strip("/")
+        plain = parts.scheme in (TCP, WEBSOCKET) and not (path or parts.fragment or parts.username or settings)
         if plain and parts.port is not None and form in FORMATS and rate >= 1.0:
-            return PublishAddress(parts.hostname or "127.0.0.1", parts.port, form, rate)
+            return PublishAddress(parts.hostname or "127.0.0.1", parts.port, form, rate, parts.scheme, origin)
     except ValueError:
         pass
     raise InputError(
-        f"--publish takes tcp://HOST:PORT, as tcp://0.0.0.0:5555, or a port of this machine, with ?format=json or fixed and "
-        f'&rate=N lines/s, at least 1; not "{text}"',
+        f"--publish takes tcp://HOST:PORT, as tcp://0.0.0.0:5555, ws://HOST:PORT, or a port of this machine, with ?format=json "
+        f'or fixed and &rate=N lines/s, at least 1; ws with &origin=http://PAGE; not "{text}"',
         address=text,
     )
 
@@ -144,9 +152,22 @@ class _Client:
 
     link: socket.socket
     number: int  # of the last moment that it was sent
+    peer: WebSocketPeer | None  # None of TCP
+    taken: float  # when it came or last took something, s of `time.perf_counter`
     rest: bytes = b""  # of its line, what it has not taken
-    taken: float = 0.0  # when it last took something, s of `time.perf_counter`
     due: float = 0.0  # when it may be sent the next line
+    watched: int = 0  # for what the selector looks at it
+    lost: bool = False  # it has gone
+
+    @property
+    def greeted(self) -> bool:
+        """Whether it may be sent lines."""
+        return self.peer is None or (self.peer.greeted and not self.peer.over)
+
+    @property
+    def owes(self) -> bool:
+        """Whether it is its turn: to take what waits for it, or to say that it is a WebSocket."""
+        return bool(self.rest) or not self.greeted
 
 
 class ResultPublisher:
@@ -158,20 +179,22 @@ class ResultPublisher:
 
     def __init__(self, address: PublishAddress) -> None:
         self._form, self._gap = address.form, 1.0 / address.rate
+        self._scheme, self._origin = address.scheme, address.origin
         host = f"[{address.host}]" if ":" in address.host else address.host
         try:
             family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
             self._listener = socket.create_server((address.host, address.port), family=family)
         except (OSError, OverflowError, UnicodeError) as error:
             why = getattr(error, "strerror", None) or str(error)
+            where = f"{address.scheme}://{host}:{address.port}"
             raise InputError(
-                f"--publish cannot listen at tcp://{host}:{address.port}: {why.split(' (')[0]}; give an address of this "
+                f"--publish cannot listen at {where}: {why.split(' (')[0]}; give an address of this "
                 "machine (127.0.0.1, or 0.0.0.0 for all) and a port that no other program has (0 takes a free one)",
                 host=address.host,
                 port=address.port,
             ) from None
         self._listener.setblocking(False)
-        self.url = f"tcp://{host}:{self._listener.getsockname()[1]}"
+        self.url = f"{address.scheme}://{host}:{self._listener.getsockname()[1]}"
         self._wakes, self._waker = socket.socketpair()
         for end in (self._wakes, self._waker):
             end.setblocking(False)
@@ -215,11 +238,13 @@ class ResultPublisher:
     def _serve_clients(self) -> None:
         wait = 0.0
         while True:
-            for key, _ in self._selector.select(wait):
+            for key, events in self._selector.select(wait):
                 if key.fileobj is self._listener:
                     self._let_in()
                 elif key.fileobj is self._wakes:
                     self._wakes.recv(_SEND_BUFFER)
+                elif events & selectors.EVENT_READ:
+                    self._hear_client(key.data)
             now = time.perf_counter()
             with self._lock:
                 if now - self._told >= SILENCE and self._ends is None:
@@ -227,10 +252,10 @@ class ResultPublisher:
                 moment, ends, due = self._newest, self._ends, self._told + SILENCE
             for client in self._clients[:]:
                 self._serve_one(client, moment, now, hurry=ends is not None)
-            behind = [client for client in self._clients if client.rest or client.number < moment.number]
+            behind = [client for client in self._clients if client.owes or client.number < moment.number]
             if ends is not None and (not behind or now >= ends):
                 return
-            dues = (client.taken + STALLED if client.rest else client.due for client in behind)
+            dues = (client.taken + STALLED if client.owes else client.due for client in behind)
             wait = max(min(due if ends is None else ends, *dues, math.inf) - time.perf_counter(), 0.0)
 
     def _let_in(self) -> None:
@@ -245,32 +270,58 @@ class ResultPublisher:
         link.setblocking(False)
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        self._clients.append(_Client(link, self._newest.number))
+        peer = WebSocketPeer(self._origin) if self._scheme == WEBSOCKET else None
+        self._clients.append(_Client(link, self._newest.number, peer, time.perf_counter()))
+
+    def _hear_client(self, client: _Client) -> None:
+        """Take what the client of a WebSocket says."""
+        try:
+            came = client.link.recv(_SEND_BUFFER)
+        except BlockingIOError:
+            return
+        except OSError:
+            came = b""
+        if came and client.peer is not None:
+            client.rest += client.peer.take_bytes(came)
+        client.lost = not came
 
     def _serve_one(self, client: _Client, moment: _Moment, now: float, hurry: bool) -> None:
         """Send what a client has not taken of its line, then the newest, as far as it takes them."""
-        waited = bool(client.rest)
         try:
-            while client.rest or (client.number < moment.number and (hurry or now >= client.due)):
+            while not client.lost:
+                if not client.rest and client.greeted:
+                    if client.number < moment.number and (hurry or now >= client.due):
+                        client.rest, client.number = self._line_of(moment), moment.number
+                        client.taken, client.due = now, now + self._gap
+                    elif hurry and client.peer is not None:
+                        client.rest = client.peer.leave()
                 if not client.rest:
-                    client.rest, client.number = self._line_of(moment), moment.number
-                    client.taken, client.due = now, now + self._gap
+                    break
                 sent = client.link.send(client.rest)
                 client.rest, client.taken = client.rest[sent:], now
         except BlockingIOError:
             pass
-        except OSError:  # it has gone
-            client.rest, client.taken = b"-", -math.inf
-        if gone := bool(client.rest) and now - client.taken > STALLED:
-            self._clients.remove(client)
-        waits = bool(client.rest) and not gone
-        if waits and not waited:
-            self._selector.register(client.link, selectors.EVENT_WRITE)
-        elif waited and not waits:
-            self._selector.unregister(client.link)
+        except OSError:
+            client.lost = True
+        left = client.peer is not None and client.peer.over and not client.rest
+        gone = client.lost or left or (client.owes and now - client.taken > STALLED)
+        # Who has not taken what waits for it is not heard: what it is owed would grow.
+        hears = selectors.EVENT_READ if client.peer is not None else 0
+        self._watch_client(client, 0 if gone else selectors.EVENT_WRITE if client.rest else hears)
         if gone:
+            self._clients.remove(client)
             client.link.close()
+
+    def _watch_client(self, client: _Client, wanted: int) -> None:
+        if client.watched and not wanted:
+            self._selector.unregister(client.link)
+        elif wanted and not client.watched:
+            self._selector.register(client.link, wanted, client)
+        elif wanted != client.watched:
+            self._selector.modify(client.link, wanted, client)
+        client.watched = wanted
 
     def _line_of(self, moment: _Moment) -> bytes:
         fields = line_fields(moment, time.perf_counter())
-        return (json_line(fields) if self._form == "json" else fixed_line(fields)).encode()
+        line = (json_line(fields) if self._form == "json" else fixed_line(fields)).encode()
+        return text_message(line.rstrip()) if self._scheme == WEBSOCKET else line

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The server's half of a WebSocket that only tells (RFC 6455): its handshake, text that goes out, pings and closings."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+
+LONGEST_HEAD = 8192
+"""Bytes of a request that asks for a WebSocket."""
+ANY = "*"
+"""Stands for every origin."""
+_GUID = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
+_TEXT, _CLOSE, _PING, _PONG = 1, 8, 9, 10
+_LAST, _MASKED, _SHORT = 0x80, 0x80, 125
+_GOING_AWAY, _PROTOCOL_ERROR = (1001).to_bytes(2, "big"), (1002).to_bytes(2, "big")
+
+
+def text_message(text: bytes) -> bytes:
+    """A message of text."""
+    return _frame(_TEXT, text)
+
+
+class WebSocketPeer:
+    """What one client has said.
+
+    Args:
+        origin: of web pages that may listen, as http://panel.local:3000, or `ANY`; programs, which have none, always may.
+
+    Attributes:
+        greeted: it is let in.
+        over: it is to be left, once it has taken what is owed to it.
+    """
+
+    def __init__(self, origin: str = "") -> None:
+        self.greeted = self.over = False
+        self._origin, self._got = origin, b""
+
+    def take_bytes(self, data: bytes) -> bytes:
+        """What is owed for what came."""
+        self._got, owed = self._got + data, b""
+        if not self.greeted and not self.over:
+            head, ends, rest = self._got.partition(b"\r\n\r\n")
+            if ends or len(self._got) > LONGEST_HEAD:
+                self._got, owed = rest, self._answer_greeting(head.decode("latin-1"))
+        while self.greeted and not self.over and len(self._got) >= 2:
+            size = self._got[1] & ~_MASKED
+            if not self._got[1] & _MASKED or size > _SHORT:  # nothing long is asked of anybody here
+                self.over, owed = True, owed + _frame(_CLOSE, _PROTOCOL_ERROR)
+            elif len(self._got) < 6 + size:
+                break
+            else:
+                kind, mask, body = self._got[0] & 0x0F, self._got[2:6], self._got[6 : 6 + size]
+                owed += self._answer_frame(kind, bytes(b ^ mask[i % 4] for i, b in enumerate(body)))
+                self._got = self._got[6 + size :]
+        return owed
+
+    def leave(self) -> bytes:
+        """What a client is owed that is left."""
+        self.over = True
+        return _frame(_CLOSE, _GOING_AWAY)
+
+    def _answer_greeting(self, head: str) -> bytes:
+        first, *lines = head.split("\r\n")
+        told = {name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+        key, origin = told.get("sec-websocket-key"), told.get("origin")
+        asked = first.startswith("GET ") and told.get("upgrade", "").lower() == "websocket"
+        self.greeted = allowed = bool(asked and key) and (origin is None or self._origin in (origin, ANY))
+        self.over = not allowed
+        if allowed:
+            proof = base64.b64encode(hashlib.sha1(str(key).encode("latin-1") + _GUID).digest()).decode()
+            return (
+                "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                f"Sec-WebSocket-Accept: {proof}\r\n\r\n"
+            ).encode()
+        why = (
+            f"pages of {origin} are not let in: --publish ws://...?origin={origin}"
+            if asked and key
+            else "a WebSocket is served here"
+        )
+        body = f"{why}\n".encode("latin-1")
+        state = "403 Forbidden" if asked and key else "426 Upgrade Required\r\nUpgrade: websocket"
+        return f"HTTP/1.1 {state}\r\nConnection: close\r\nContent-Length: {len(body)}\r\n\r\n".encode() + body
+
+    def _answer_frame(self, kind: int, body: bytes) -> bytes:
+        if kind == _CLOSE:
+            self.over = True
+            return _frame(_CLOSE, body[:2])
+        return _frame(_PONG, body) if kind == _PING else b""
+
+
+def _frame(kind: int, body: bytes) -> bytes:
+    size = len(body)
+    if size <= _SHORT:
+        return bytes([_LAST | kind, size]) + body
+    if size < 1 << 16:
+        return bytes([_LAST | kind, 126]) + size.to_bytes(2, "big") + body
+    return bytes([_LAST | kind, 127]) + size.to_bytes(8, "big") + body
