@@ -9,36 +9,36 @@ from pathlib import Path
 from typing import Any
 
 REMEDIES = {
-    "no-object": "say which object is meant (--object x,y, --box or --outline), or let a net look: --segmenter u2netp",
-    "object-gone": "keep the object in view while another grasp is chosen, or leave out --resynthesize",
-    "no-grasp": "give contacts of your own (--grasp), a larger --friction if it is true, or a hand that opens wider",
-    "waiting": "show a part alone and whole, say which (--object), give the empty bench (--background), or lower --sure",
-    "no-description": "use --strategy auto, which carries every grasp",
+    "no-object": "say which object is meant, or let a net look (--object x,y, --box, --outline, --segmenter u2netp)",
+    "object-gone": "keep the object in view while another grasp is chosen, or keep the grasp it has (--resynthesize left out)",
+    "no-grasp": "give contacts of your own (--grasp), a larger friction if it is true (--friction), or a hand that opens wider",
+    "waiting": "show a part alone and whole, or say which one is meant (--object, --background, --sure)",
+    "no-description": "let the program's own strategy follow, which carries every grasp (--strategy auto)",
     "not-found": "bring the object back into view, or move less from one image to the next; it is looked for in every image",
-    "not-there": "take away what stands before it; the gripper's own fingers belong into --ignore FILE",
+    "not-there": "take away what stands before it; the gripper's own fingers are to be ignored (--ignore FILE)",
     "other-place": "wait until what fits as well is out of view, or choose another object in the first image",
     "uncertain": "come nearer, or choose contacts where the outline bends (--grasp): on a straight edge they can slide",
-    "other-shape": "look at the first outline in overlay.mp4: where it is wrong, give --outline, --object or a mask",
+    "other-shape": "take away what covers or touches it; where its first outline was wrong, draw it (--outline, --masks)",
     "apart": "a part that opens or comes apart needs a grasp on one piece of it; take away what covers its edge",
-    "outline-open": "look at the first outline in overlay.mp4: say which is meant (--outline, a mask), or give --grasp",
+    "outline-open": "look at the first outline: where it is wrong, draw it (--outline, --masks), or click contacts (--grasp)",
     "image-fixed": "leave out what lies over the image, as a crosshair, a watermark or dirt on the lens (--ignore FILE)",
-    "other-surface": "avoid glare and hard shadows; where the object was exchanged, start anew",
+    "other-surface": "take away what covers it, glare and hard shadows; where the object was exchanged, start anew",
     "ambiguous": "put a mark on the object that tells its turn, or keep the ground's texture in view",
     "lookalike": "keep equal parts apart, start while one is in view or all are at rest, say how a belt moves (--belt)",
-    "no-transfer": "use --strategy auto, which needs neither peaks of curvature nor the whole outline",
-    "strategy-off": "use --strategy auto: this strategy of the paper is not exact for this motion",
-    "off-outline": "use --strategy auto: this strategy of the paper is not exact for this motion",
+    "no-transfer": "let the program's own strategy follow, which needs neither peaks nor the whole outline (--strategy auto)",
+    "strategy-off": "use another strategy: this one of the paper is not exact for this motion (--strategy auto)",
+    "off-outline": "use another strategy: this one of the paper is not exact for this motion (--strategy auto)",
     "contact-unseen": "take away what stands before the contacts, or choose contacts that stay in view (--grasp)",
     "not-flat": "choose contacts on the outline of its top (--grasp), and start with the most frontal image",
     "not-pinhole": "say how wide a pixel is for its height (--pixel-aspect), or give a calibration (--camera)",
     "tilt-open": "let the camera tilt by ten degrees once, so that views differ",
     "turned-over": "turn it over, or teach that side as a part of its own",
     "which-part": "look for one of them at a time, or print on one what tells them apart",
-    "not-closing": "choose contacts that face each other (--grasp), or let another grasp be chosen: --resynthesize",
+    "not-closing": "choose contacts that face each other (--grasp), or let another grasp be chosen (--resynthesize)",
     "open-margin": "let the camera look at the object from another side, or choose a grasp with more margin",
     "slips": "come nearer: contacts become surer",
 }
-"""By the codes of `tracking.messages:SENTENCES`."""
+"""By the codes of `tracking.messages:SENTENCES`; options stand in parentheses, which the live page leaves out."""
 
 _drawing: list[Callable[[object], bytes]] = []
 

@@ -49,7 +49,7 @@ class FedCamera(Source):
 @contextmanager
 def session_on(source: Source, output: Path, settings: Settings | None = None, **more: Any) -> Iterator[LiveSession]:
     """A session that runs, and is stopped at the end."""
-    session = LiveSession(source, settings or Settings(), output, pace=False, **more)
+    session = LiveSession(source, settings or Settings(), output, **{"pace": False, **more})
     session.start()
     try:
         yield session

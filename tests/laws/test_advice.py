@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every reason has its remedy, in the program and on the page; advice is given where many frames were lost."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack.cli.advice import MANY, MOST, advice_for
+from grasptrack.live.state import OPTIONS
 from grasptrack.presentation import REMEDIES
 from grasptrack.tracking.messages import SENTENCES
 from research.studies.reason_pictures import SHOWN, STAGED, first_frame_with
@@ -17,6 +19,8 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "troubleshooting.md"
 
 def test_every_code_has_a_remedy_here_and_on_the_page() -> None:
     assert REMEDIES.keys() == SENTENCES.keys()
+    plain = [re.sub(OPTIONS, "", remedy) for remedy in REMEDIES.values()]
+    assert [remedy for remedy in plain if "--" in remedy or "FILE" in remedy or ".mp4" in remedy] == []
     rows = [
         [c.strip() for c in line.strip("|").split("|")]
         for line in PAGE.read_text().splitlines()

@@ -154,7 +154,7 @@ def test_only_what_is_sure_now_is_ok_to_close(
     assert (found.tone == "tracked") == (word == "OK TO CLOSE")
     assert may_close(result_of(**values)) == (word == "OK TO CLOSE" or bool(more and values is not LOST))
     code = values.get("reason_code") or values.get("notice")
-    assert "(--" not in found.remedy and (not code or bool(found.remedy))
+    assert "--" not in found.remedy and (not code or bool(found.remedy))
 
 
 def test_a_lost_object_leaves_its_last_place() -> None:

@@ -100,6 +100,24 @@ def test_colour_alone_guides_it() -> None:
 inside = st.tuples(st.integers(0, 639), st.integers(0, 479))
 
 
+@settings(max_examples=15, deadline=None)
+@given(places=st.lists(inside, min_size=1, max_size=5), closes=st.booleans())
+def test_what_is_taken_back_is_as_if_it_had_not_been(places: list[tuple[int, int]], closes: bool) -> None:
+    wire, before = wire_of(0), list[tuple[Any, Any]]()
+    wire.start(*places[0])
+    for x, y in places[1:]:
+        before.append((wire.points, wire.path.tolist()))
+        wire.add(x, y)
+    if closes and len(places) > 2:
+        before.append((wire.points, wire.path.tolist()))
+        wire.close()
+    while before:
+        wire.take_back()
+        assert (wire.points, wire.path.tolist()) == before.pop() and not wire.is_closed
+    with pytest.raises(InputError, match="nothing to take back"):
+        wire.take_back()
+
+
 @pytest.mark.slow
 @given(places=st.lists(inside, min_size=2, max_size=4), snap=st.booleans())
 def test_a_path_ends_at_its_clicks_and_makes_no_leap(places: list[tuple[int, int]], snap: bool) -> None:

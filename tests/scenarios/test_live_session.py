@@ -7,10 +7,13 @@ import threading
 import time
 from collections.abc import Generator
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from grasptrack import Goal, GraspTracker, open_source
 from grasptrack.first_image import FirstImage
@@ -18,6 +21,7 @@ from grasptrack.io.base import Frame, Image
 from grasptrack.io.limits import HELD, limit_megapixels
 from grasptrack.live import commands as told
 from grasptrack.live import recorder
+from grasptrack.live.inbox import FASTEST, SLOWEST, _PlaybackClock
 from grasptrack.live.session import GOAL, LiveSession
 from grasptrack.live.settings import Settings
 from grasptrack.tracking.result import TrackResult
@@ -157,6 +161,36 @@ def test_a_pause_holds_the_image_and_a_camera_goes_on_with_the_newest(tmp_path: 
         session.send_command(told.Pause(False))
         shown = reached(session, "tracking", image=2)
         assert shown.arrival is not None and shown.arrival.frame.name == "frame 5"
+
+
+def test_a_step_is_one_image_and_speed_is_that_of_a_file(tmp_path: Path) -> None:
+    source = open_source(str(plates(tmp_path / "in", 12)), fps=5.0)
+    session = LiveSession(source, Settings(), tmp_path / "run", at_once=True)
+    session.start()
+    try:
+        reached(session, "tracking")
+        session.send_command(told.Step())
+        until(session, lambda s: "pause first" in s.notice[1])
+        session.send_command(told.Pause(True))
+        here = until(session, lambda s: s.paused).image
+        for k in range(1, 4):
+            session.send_command(told.Step())
+            assert until(session, lambda s, k=k: s.image == here + k).paused
+        session.send_command(told.Speed(10.0))
+        session.send_command(told.Pause(False))
+        shown = reached(session, "ended")
+        assert shown.arrival is not None and shown.arrival.place == 11
+        assert (shown.count, shown.speed) == (12, 10.0)
+    finally:
+        session.stop()
+
+
+@given(st.floats(SLOWEST, FASTEST), st.floats(0.0, 1.0))
+def test_an_image_is_due_sooner_by_the_speed(speed: float, gap: float) -> None:
+    clock = _PlaybackClock(SimpleNamespace(fps=None))
+    clock.wait_for(Frame(0, 0.0, np.zeros((1, 1), np.uint8), ""), speed)
+    wait = clock.wait_for(Frame(1, gap, np.zeros((1, 1), np.uint8), ""), speed)
+    assert 0.0 <= wait <= gap / speed
 
 
 def test_what_moves_while_a_person_chooses_is_caught_up_with(tmp_path: Path) -> None:

@@ -205,6 +205,73 @@ def test_an_outline_keeps_up_with_fast_clicks_and_keys_take_points_back_and_clos
         assert shown.wire.points == closed.wire.points
 
 
+def test_what_is_taken_back_is_set_again(tmp_path: Path) -> None:
+    with plate_session(tmp_path, 2) as session, page_on(session, tmp_path) as page:
+        page.reads("#status", "Object found")
+
+        def control(letter: str) -> None:
+            ActionChains(page.browser).key_down(Keys.CONTROL).send_keys(letter).key_up(Keys.CONTROL).perform()
+
+        page.press("w")
+        outline = session.shown.result.view.outer.points
+        for x, y in outline[:: len(outline) // 5][:5]:
+            page.click(x, y)
+        drawn = until(session, lambda s: s.wire is not None and len(s.wire.points) == 5).wire
+        page.press(Keys.ENTER)
+        closed = until(session, lambda s: s.wire.closed).wire
+        page.wait(lambda: page.find("#use-wire").is_displayed())
+        for _ in range(3):  # that it was closed, and two points, faster than it answers
+            control("z")
+        until(session, lambda s: len(s.wire.points) == 3 and not s.wire.closed)
+        for _ in range(2):
+            control("y")
+        again = until(session, lambda s: len(s.wire.points) == 5).wire
+        assert (again.points, again.path.tolist()) == (drawn.points, drawn.path.tolist())
+        control("y")
+        assert until(session, lambda s: s.wire.closed).wire.path.tolist() == closed.path.tolist()
+        control("z")
+        until(session, lambda s: not s.wire.closed)
+        page.press(Keys.BACKSPACE)
+        until(session, lambda s: len(s.wire.points) == 4)
+        page.click(*outline[len(outline) // 2])
+        until(session, lambda s: len(s.wire.points) == 5)
+        control("y")  # a new click leaves nothing to be set again
+        time.sleep(0.3)
+        assert not session.shown.wire.closed and len(session.shown.wire.points) == 5
+
+
+def test_a_file_shows_its_place_and_goes_by_steps_and_at_another_speed(tmp_path: Path) -> None:
+    with plate_session(tmp_path, 40, pace=True) as session, page_on(session, tmp_path) as page:
+        page.reads("#status", "Object found")
+        page.press(Keys.ENTER, ".")
+        page.reads("#paused", "paused")
+        here = until(session, lambda s: s.paused).image
+        page.wait(lambda: page.text("#place-now") == f"{session.shown.image} of 40")
+        time.sleep(0.3)
+        here = session.shown.image
+        page.find("#step").click()
+        assert until(session, lambda s: s.image > here).image == here + 1
+        time.sleep(0.2)
+        assert session.shown.image == here + 1 and session.shown.paused
+        page.browser.execute_script(
+            "const s = document.getElementById('speed'); s.value = '4'; s.dispatchEvent(new Event('change'))"
+        )
+        assert until(session, lambda s: s.speed == 4.0)
+        page.find("#pause").click()
+        reached(session, "ended", image=40)
+        page.wait(lambda: page.text("#place-now") == "40 of 40")
+
+
+def test_a_tool_that_stops_the_images_says_so(tmp_path: Path) -> None:
+    camera = FedCamera()
+    with session_on(camera, tmp_path / "run", at_once=True) as session, page_on(session, tmp_path) as page:
+        camera.images.put(plate())
+        reached(session, "tracking", image=1)
+        page.wait(lambda: not page.find("#timeline").is_displayed())
+        page.press("f")
+        page.reads("#hint", "Paused meanwhile.")
+
+
 def test_fingertips_are_marked_and_saved_for_the_servo(tmp_path: Path) -> None:
     with plate_session(tmp_path, 3) as session, page_on(session, tmp_path) as page:
         page.reads("#status", "Object found")

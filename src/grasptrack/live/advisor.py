@@ -192,10 +192,8 @@ class WireDesk:
                 wire.move(command.point, command.x, command.y)
             elif command.step == "hover":
                 hover = wire.path_to(command.x, command.y)
-            elif command.step == "back" and len(kept := wire.points[: None if wire.is_closed else -1]) > 0:
-                wire.start(*kept[0])
-                for point in kept[1:]:
-                    wire.add(*point)
+            elif command.step == "back" and len(wire.points) > 1:
+                wire.take_back()
             else:
                 self._wire = None
                 return WireState(command.image)

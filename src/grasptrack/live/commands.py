@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args, get_type_hints
 
 from grasptrack.errors import InputError
 from grasptrack.grasp.contacts import MOST_CONTACTS
+from grasptrack.live.inbox import FASTEST, SLOWEST
 from grasptrack.servo.goal import Goal
 
 LARGEST = 1 << 16
@@ -83,6 +84,18 @@ class Pause:
     """Stop at an image, or go on."""
 
     paused: bool
+
+
+@dataclass(frozen=True)
+class Step:
+    """One more image, while paused."""
+
+
+@dataclass(frozen=True)
+class Speed:
+    """A file is played so many times as fast as its times say."""
+
+    factor: float
 
 
 @dataclass(frozen=True)
@@ -181,8 +194,8 @@ class Release:
 
 HoldCommand = Press | Keep | Release
 Command = (
-    Pick | Box | Contacts | Outline | Choose | Start | Pause | Restart | Rechoose | Friction | Fingers | Wire | Hover
-    | Fingertips | Record | Teach | Anew
+    Pick | Box | Contacts | Outline | Choose | Start | Pause | Step | Speed | Restart | Rechoose | Friction | Fingers | Wire
+    | Hover | Fingertips | Record | Teach | Anew
 )  # fmt: skip
 COMMANDS: dict[str, type[Any]] = {kind.__name__.lower(): kind for kind in get_args(Command)}
 HOLD_COMMANDS: dict[str, type[Any]] = {kind.__name__.lower(): kind for kind in get_args(HoldCommand)}
@@ -237,6 +250,8 @@ def _check_ranges(command: Command) -> None:
         raise InputError(f"an outline has three points or more, not {len(command.points)}")
     if isinstance(command, Friction) and not command.value > 0.0:
         raise InputError(f"friction is a positive number, not {command.value:g}")
+    if isinstance(command, Speed) and not SLOWEST <= command.factor <= FASTEST:
+        raise InputError(f"a file is played {SLOWEST:g} to {FASTEST:g} times as fast, not {command.factor:g}")
     if isinstance(command, Fingers) and command.count not in (2, 3):
         raise InputError(f"grasps are chosen for 2 or 3 fingers, not {command.count}")
     if isinstance(command, Choose) and command.number not in (1, 2, 3):

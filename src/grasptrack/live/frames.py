@@ -66,6 +66,8 @@ def moment_to_json(shown: Shown) -> bytes:
         "phase": shown.phase,
         "paused": shown.paused,
         "live": shown.live,
+        "count": shown.count,
+        "speed": shown.speed,
         "image": shown.image,
         "friction": shown.friction,
         "fingers": shown.fingers,
@@ -88,6 +90,7 @@ def moment_to_json(shown: Shown) -> bytes:
         frame = shown.arrival.frame
         content["size"] = [frame.image.shape[1], frame.image.shape[0]]
         content["name"] = frame.name
+        content["place"] = shown.arrival.place
         content["taken_ms"] = 1e3 * (time.time() - time.perf_counter() + shown.arrival.at)
     return json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode(
         errors="backslashreplace"

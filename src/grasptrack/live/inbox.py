@@ -29,6 +29,8 @@ class Arrival:
     at: float
     run: int
     """Which playing of the source it is from."""
+    place: int = 0
+    """Of the image in that source, from 0."""
 
 
 class KeptImages:
@@ -127,6 +129,8 @@ class Inbox:
 
 RATE = 25.0
 """Images/s of files that have no times."""
+SLOWEST, FASTEST = 0.1, 10.0
+"""Times as fast as a file's own rate that it is played at least, and at most."""
 LONGEST = 2.0
 """s between two images of a file at most: a gap in its times is no reason to show nothing for longer."""
 
@@ -145,10 +149,14 @@ class Player:
 
     Images and the end carry the number `run`, so that those of an earlier playing can be told. `pace` plays files at their own
     rate; without, as fast as they are taken.
+
+    Attributes:
+        speed: times as fast as its own rate that a file is played; any thread may set it.
     """
 
     def __init__(self, source: Source, inbox: Inbox, run: int, pace: bool = True) -> None:
         self._source, self._inbox, self._run, self._pace = source, inbox, run, pace
+        self.speed = 1.0
         self._stopping = threading.Event()
         if hasattr(source, "on_wait"):  # a live source asks it while no image comes
             source.on_wait = self._raise_if_stopping
@@ -175,10 +183,10 @@ class Player:
                 clock = _PlaybackClock(source)
                 for frame in source:
                     if self._pace and not source.live:
-                        self._stopping.wait(clock.wait_for(frame))
+                        self._stopping.wait(clock.wait_for(frame, self.speed))
                     if self._stopping.is_set():
                         return
-                    arrival = Arrival(frame, time.perf_counter() - source.waited, self._run)
+                    arrival = Arrival(frame, time.perf_counter() - source.waited, self._run, frame.index)
                     if source.live:
                         self._inbox.replace_image(arrival)
                     elif not self._inbox.hand_over(arrival):
@@ -207,12 +215,12 @@ class _PlaybackClock:
         self._before: float | None = None
         self._due = time.monotonic()
 
-    def wait_for(self, frame: Frame) -> float:
+    def wait_for(self, frame: Frame, speed: float = 1.0) -> float:
         """s to wait."""
         step = self._period
         if frame.time is not None:
             step = 0.0 if self._before is None else frame.time - self._before
             self._before = frame.time
         now = time.monotonic()
-        self._due = max(self._due + min(max(step, 0.0), LONGEST), now)
+        self._due = max(self._due + min(max(step, 0.0), LONGEST) / speed, now)
         return self._due - now

@@ -188,6 +188,7 @@ class SessionLoop(ABC):
         self._playing, self._over = self._playing + 1, False
         self._first_image = self._images + 1
         self._player = Player(self._source, self._inbox, self._playing, self._pace)
+        self._player.speed = self._shown.speed
 
     # --- files, and what is shown ----------------------------------------------------------------
 

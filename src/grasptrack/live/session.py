@@ -89,7 +89,7 @@ class LiveSession(SessionLoop):
             "fingers": settings.fingers,
             "unit": settings.unit,
         }
-        shown = Shown(meant=self._nothing_meant, live=source.live, **of_settings)
+        shown = Shown(meant=self._nothing_meant, live=source.live, count=source.count, **of_settings)
         super().__init__(source, output, fingers, shown, options or {}, record_as, pace)
         self.servo = servo
         self._desk = WireDesk()
@@ -99,6 +99,7 @@ class LiveSession(SessionLoop):
         self._question = 0
         self._chosen_in = 0  # number of the image in which the object was chosen
         self._follow_when_ready = False
+        self._steps = 0  # images that are taken although paused
 
     def start(self) -> None:
         """Begin, in threads of its own."""
@@ -120,7 +121,7 @@ class LiveSession(SessionLoop):
 
     @property
     def _wants_image(self) -> bool:
-        return self._shown.phase in ("opening", "tracking") and not self._shown.paused
+        return self._shown.phase in ("opening", "tracking") and (self._steps > 0 or not self._shown.paused)
 
     def _handle_input(self, what: Any) -> None:
         """What came: an image, a helper's answer, or a person's word."""
@@ -156,6 +157,7 @@ class LiveSession(SessionLoop):
         if arrival.run != self._playing:
             return
         self._images += 1
+        self._steps = max(self._steps - 1, 0)
         image = self._images
         arrival = replace(arrival, frame=replace(arrival.frame, index=image - 1))
         self._kept.add(image, arrival)
@@ -275,7 +277,16 @@ class LiveSession(SessionLoop):
             case told.Pause(paused):
                 if self._source.live:
                     self._inbox.newest_only()
+                self._steps = 0
                 self._set_shown(paused=paused)
+            case told.Step():
+                if not self._shown.paused:
+                    raise InputError("pause first: a step is for an image that stands")
+                self._steps += 1
+            case told.Speed(factor):
+                if self._player is not None:
+                    self._player.speed = factor
+                self._set_shown(speed=factor)
             case told.Restart():
                 self._restart_source()
             case told.Rechoose():

@@ -68,6 +68,8 @@ class Shown:
         recorded, dropped: images in it, and that were not written in time.
         files: what can be fetched from the run's folder.
         live: whether the source gives its newest image only.
+        count: images of a file, where known.
+        speed: times as fast as its own rate that a file is played.
         servo: of the arm; None where there is none.
     """
 
@@ -92,6 +94,8 @@ class Shown:
     dropped: int = 0
     files: tuple[str, ...] = ()
     live: bool = False
+    count: int | None = None
+    speed: float = 1.0
     servo: ServoMoment | None = None
 
 

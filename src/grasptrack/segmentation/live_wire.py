@@ -129,6 +129,18 @@ class LiveWire:
         self._pieces.append(self._find_piece(self._points[-1], self._points[0]))
         return self.path
 
+    def take_back(self) -> None:
+        """Undo the last step: that the outline was closed, else the last click; the first one stays.
+
+        Raises:
+            InputError: not begun, or nothing but the first click.
+        """
+        if not self._pieces:
+            raise InputError("there is nothing to take back but the first click: start(x, y) begins anew")
+        if not self.is_closed:
+            self._points.pop()
+        self._pieces.pop()
+
     @arguments.checked(k=arguments.whole, x=arguments.number, y=arguments.number)
     def move(self, k: int, x: float, y: float) -> Floats:
         """Drag click k somewhere else; only the two pieces that end there are found again.

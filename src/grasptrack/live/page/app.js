@@ -72,6 +72,7 @@ function onMoment(next, bitmap) {
   showHeadline();
   if (next.curves.length) chart(next.curves);
   showState();
+  showPlace();
   showChoice();
   showControls();
   showFiles();
@@ -149,6 +150,18 @@ function showState() {
     );
   }
   rest.forEach(([, , value], i) => setText(list.children[i].lastChild, value));
+}
+
+// Of a file: how far it is played, and how fast.
+function showPlace() {
+  at("timeline").hidden = moment.live || moment.place === undefined || moment.count === 1;
+  if (at("timeline").hidden) return;
+  const [here, all] = [moment.place + 1, moment.count];
+  at("place").hidden = !all;
+  if (all) at("place").value = Math.min(here / all, 1);
+  setText(at("place-now"), all ? `${here} of ${all}` : `${here}`);
+  at("step").disabled = moment.phase !== "tracking";
+  if (document.activeElement !== at("speed")) at("speed").value = String(moment.speed);
 }
 
 function showChoice() {
@@ -293,6 +306,7 @@ const actions = {
   start: () => send("start"),
   "use-wire": () => tools.useWire(),
   pause: () => moment && moment.phase === "tracking" && send("pause", { paused: !moment.paused }),
+  step: stepOn,
   rechoose: () => send("rechoose"),
   restart: () => send("restart"),
   record: () => moment && send("record", { on: !moment.recording.name }),
@@ -310,6 +324,7 @@ document.querySelectorAll("[data-tool]").forEach((button) => button.addEventList
 document.querySelectorAll("[data-fingers]").forEach((button) =>
   button.addEventListener("click", () => send("fingers", { count: Number(button.dataset.fingers) })),
 );
+at("speed").addEventListener("change", () => send("speed", { factor: Number(at("speed").value) }));
 at("friction").addEventListener("input", () => (typed = { value: null }));
 at("friction").addEventListener("change", () => {
   const value = at("friction").valueAsNumber;
@@ -337,6 +352,12 @@ for (const id of ["opening", "beyond"]) {
       // see above
     }
   });
+}
+
+function stepOn() {
+  if (!moment || moment.live || moment.phase !== "tracking") return;
+  if (!moment.paused) send("pause", { paused: true });
+  send("step");
 }
 
 function saveGoal() {
@@ -398,19 +419,25 @@ function redraw() {
 }
 
 const KEYS = { o: "object", x: "not", c: "contacts", w: "outline", f: "fingertips" };
-const SHORT = { g: "teach", a: "anew", n: "rechoose", r: "restart", v: "record", t: "theme", "?": "help-button", " ": "pause", 0: "whole", p: "snapshot", l: "full" };
+const SHORT = { g: "teach", a: "anew", n: "rechoose", r: "restart", v: "record", t: "theme", "?": "help-button", " ": "pause", ".": "step", 0: "whole", p: "snapshot", l: "full" };
 const ZOOMS = { "+": 1.25, "=": 1.25, "-": 0.8 };
 
 document.addEventListener("keydown", (event) => {
   const target = event.target;
-  if (at("help").open || target.matches("input")) return;
+  if (at("help").open || target.matches("input, select")) return;
   const command = event.ctrlKey || event.metaKey;
   if (event.key === " " && servo.there) {
     event.preventDefault(); // not a click of the button that has the focus, either
     if (!event.repeat && !command && !at("hold").disabled) servo.press();
     return;
   }
-  if (event.key === "Backspace" || (command && event.key.toLowerCase() === "z")) {
+  const letter = command ? event.key.toLowerCase() : "";
+  if (letter === "y" || (letter === "z" && event.shiftKey)) {
+    tools.setAgain();
+    event.preventDefault();
+    return;
+  }
+  if (event.key === "Backspace" || letter === "z") {
     tools.takeBack();
     event.preventDefault();
     return;

@@ -16,6 +16,8 @@ export class Tools {
     Object.assign(this, { picture, send, onChange, tool: "object", points: [], hover: false, moment: null });
     this.pending = []; // clicks of an outline that the session has not answered yet; it takes them one after another
     this.count = 0; // of its points that the session has told
+    this.backs = 0; // of them, those that are taken back, which the session has not told yet
+    this.redone = []; // what was taken back, the last first to be set again
     this.press = null;
     this.pointers = new Map(); // that are down, with their places in the window
     this.panning = false; // until all of them are up
@@ -59,6 +61,7 @@ export class Tools {
     if (this.drawn) this.clearWire();
     this.tool = tool;
     this.points = [];
+    this.redone = [];
     const moving = this.moment && this.moment.phase === "tracking" && !this.moment.paused;
     if (HELD.includes(tool) && moving) this.pausedHere = this.send("pause", { paused: true });
     else if (!HELD.includes(tool)) this.goOn();
@@ -82,9 +85,26 @@ export class Tools {
 
   // The last point is taken back; of a closed outline, that it was closed.
   takeBack() {
-    if (this.drawn) {
-      if (this.send("wire", { image: this.image, step: "back" })) this.pending.pop();
-    } else this.points.pop();
+    if (this.drawn > this.backs) {
+      if (this.send("wire", { image: this.image, step: "back" })) this.redone.push(this.pending.length ? this.pending.pop() : this.lastTold());
+    } else if (this.points.length) this.redone.push(this.points.pop());
+    this.refresh();
+  }
+
+  // The last step of the outline that the session has told and that is not taken back yet: a point, or that it was closed.
+  lastTold() {
+    this.backs += 1;
+    const { closed, points } = this.wire;
+    if (closed && this.backs === 1) return "closed";
+    return points[points.length - this.backs + (closed ? 1 : 0)];
+  }
+
+  // What was taken back last is set again.
+  setAgain() {
+    const step = this.redone.pop();
+    if (step === "closed") this.closeWire();
+    else if (step && this.tool === "outline") this.addToWire(step);
+    else if (step) this.points.push(step);
     this.refresh();
   }
 
@@ -93,7 +113,11 @@ export class Tools {
     this.moment = moment;
     if (other && this.tool === "contacts") this.points = [];
     const before = this.count;
+    const closed = this.closed;
     this.count = this.wire ? this.wire.points.length : 0;
+    this.closed = Boolean(this.wire && this.wire.closed);
+    this.backs = Math.max(this.backs - Math.max(before - this.count, 0) - (closed && !this.closed ? 1 : 0), 0);
+    if (other) [this.redone, this.backs] = [[], 0];
     if (other || (this.wire && this.wire.closed)) this.pending = [];
     else this.pending.splice(0, Math.max(this.count - before, 0));
     if (moment.phase === "tracking" && !moment.paused && this.tool !== "fingertips" && HELD.includes(this.tool) && !this.pausedHere) this.select("object");
@@ -240,6 +264,7 @@ export class Tools {
   click(at, against) {
     if (!this.moment || !this.image) return;
     const image = this.image;
+    this.redone = [];
     if (this.tool === "object" || this.tool === "not") {
       this.send("pick", { image, x: at[0], y: at[1], on: !against });
     } else if (this.tool === "contacts") {
@@ -254,8 +279,12 @@ export class Tools {
       if (this.points.length === 8) this.points = [];
       this.points.push(at);
     } else if (!(this.wire && this.wire.closed)) {
-      if (this.send("wire", { image, step: "add", x: at[0], y: at[1] })) this.pending.push(at);
+      this.addToWire(at);
     }
+  }
+
+  addToWire(at) {
+    if (this.send("wire", { image: this.image, step: "add", x: at[0], y: at[1] })) this.pending.push(at);
   }
 
   // The session says where there are too few points: it knows of all clicks, and the page perhaps not yet.
@@ -266,6 +295,7 @@ export class Tools {
   clearWire() {
     this.send("wire", { image: this.image, step: "clear" });
     this.pending = [];
+    this.backs = 0;
   }
 
   useWire() {
@@ -347,7 +377,13 @@ export class Tools {
     this.onChange();
   }
 
+  // What a tool asks for, and that the images stand meanwhile.
   hint() {
+    const told = this.wish();
+    return told && this.pausedHere ? `Paused meanwhile. ${told}` : told;
+  }
+
+  wish() {
     const left = this.wanted - this.points.length;
     switch (this.tool) {
       case "not":
