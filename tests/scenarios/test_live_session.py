@@ -169,14 +169,14 @@ def test_a_step_is_one_image_and_speed_is_that_of_a_file(tmp_path: Path) -> None
     session.start()
     try:
         reached(session, "tracking")
-        session.send_command(told.Step())
+        session.send_command(told.Forward())
         until(session, lambda s: "pause first" in s.notice[1])
         session.send_command(told.Pause(True))
         here = until(session, lambda s: s.paused).image
         for k in range(1, 4):
-            session.send_command(told.Step())
+            session.send_command(told.Forward())
             assert until(session, lambda s, k=k: s.image == here + k).paused
-        session.send_command(told.Speed(10.0))
+        session.send_command(told.Tempo(10.0))
         session.send_command(told.Pause(False))
         shown = reached(session, "ended")
         assert shown.arrival is not None and shown.arrival.place == 11

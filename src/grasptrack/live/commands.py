@@ -87,12 +87,12 @@ class Pause:
 
 
 @dataclass(frozen=True)
-class Step:
+class Forward:
     """One more image, while paused."""
 
 
 @dataclass(frozen=True)
-class Speed:
+class Tempo:
     """A file is played so many times as fast as its times say."""
 
     factor: float
@@ -194,7 +194,7 @@ class Release:
 
 HoldCommand = Press | Keep | Release
 Command = (
-    Pick | Box | Contacts | Outline | Choose | Start | Pause | Step | Speed | Restart | Rechoose | Friction | Fingers | Wire
+    Pick | Box | Contacts | Outline | Choose | Start | Pause | Forward | Tempo | Restart | Rechoose | Friction | Fingers | Wire
     | Hover | Fingertips | Record | Teach | Anew
 )  # fmt: skip
 COMMANDS: dict[str, type[Any]] = {kind.__name__.lower(): kind for kind in get_args(Command)}
@@ -250,7 +250,7 @@ def _check_ranges(command: Command) -> None:
         raise InputError(f"an outline has three points or more, not {len(command.points)}")
     if isinstance(command, Friction) and not command.value > 0.0:
         raise InputError(f"friction is a positive number, not {command.value:g}")
-    if isinstance(command, Speed) and not SLOWEST <= command.factor <= FASTEST:
+    if isinstance(command, Tempo) and not SLOWEST <= command.factor <= FASTEST:
         raise InputError(f"a file is played {SLOWEST:g} to {FASTEST:g} times as fast, not {command.factor:g}")
     if isinstance(command, Fingers) and command.count not in (2, 3):
         raise InputError(f"grasps are chosen for 2 or 3 fingers, not {command.count}")

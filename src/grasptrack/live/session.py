@@ -279,11 +279,11 @@ class LiveSession(SessionLoop):
                     self._inbox.newest_only()
                 self._steps = 0
                 self._set_shown(paused=paused)
-            case told.Step():
+            case told.Forward():
                 if not self._shown.paused:
                     raise InputError("pause first: a step is for an image that stands")
                 self._steps += 1
-            case told.Speed(factor):
+            case told.Tempo(factor):
                 if self._player is not None:
                     self._player.speed = factor
                 self._set_shown(speed=factor)

@@ -324,7 +324,7 @@ document.querySelectorAll("[data-tool]").forEach((button) => button.addEventList
 document.querySelectorAll("[data-fingers]").forEach((button) =>
   button.addEventListener("click", () => send("fingers", { count: Number(button.dataset.fingers) })),
 );
-at("speed").addEventListener("change", () => send("speed", { factor: Number(at("speed").value) }));
+at("speed").addEventListener("change", () => send("tempo", { factor: Number(at("speed").value) }));
 at("friction").addEventListener("input", () => (typed = { value: null }));
 at("friction").addEventListener("change", () => {
   const value = at("friction").valueAsNumber;
@@ -357,7 +357,7 @@ for (const id of ["opening", "beyond"]) {
 function stepOn() {
   if (!moment || moment.live || moment.phase !== "tracking") return;
   if (!moment.paused) send("pause", { paused: true });
-  send("step");
+  send("forward");
 }
 
 function saveGoal() {
