@@ -111,6 +111,9 @@ def test_a_click_chooses_the_object_under_it(tmp_path: Path) -> None:
     with session_on(camera, tmp_path / "run") as session, page_on(session, tmp_path) as page:
         page.reads("#status", "Which object?")
         page.wait(lambda: len(page.browser.find_elements(By.CSS_SELECTOR, "#candidates button")) >= 2)
+        page.reads("#verdict", "If 1 is meant: ")
+        colours = "return [...document.querySelectorAll('#verdict strong')].map((s) => s.dataset.level)"
+        assert page.browser.execute_script(colours) == [""], "no green beside a choice that is not sure"
         page.click(340.0, 100.0, (240, 480))
         shown = until(session, lambda s: s.meant.object_at)
         tolerance = 1.0 / page.scale((240, 480))  # the driver's clicks are whole px of the window

@@ -207,7 +207,7 @@ function othersButton() {
 function showVerdict() {
   const { verdict } = moment;
   const box = at("verdict");
-  const key = JSON.stringify(verdict);
+  const key = JSON.stringify([verdict, moment.sure]);
   if (box.dataset.key === key) return;
   box.dataset.key = key;
   box.replaceChildren();
@@ -216,8 +216,8 @@ function showVerdict() {
     return;
   }
   const level = element("strong", { textContent: verdict.level === "none" ? "no verdict" : verdict.level });
-  level.dataset.level = verdict.level;
-  const which = moment.candidates.length > 1 ? "Candidate 1: " : "";
+  level.dataset.level = moment.sure ? verdict.level : ""; // how well something else would be tracked is no good news
+  const which = moment.sure || !moment.candidates.length ? "" : "If 1 is meant: ";
   box.append(level, element("span", { textContent: which + verdict.expectation }));
   if (verdict.reasons.length) {
     const list = element("ul");
