@@ -11,6 +11,7 @@ import pytest
 
 from grasptrack.cli import bench_verbs
 from grasptrack.cli.main import main
+from grasptrack.errors import bench_hint
 from recordings import plate, rows, write
 
 OUTSIDER = '''
@@ -175,5 +176,5 @@ def test_a_verb_whose_distribution_is_not_installed_is_named(
     monkeypatch.setattr(bench_verbs, "load_plugin", lambda group, name: None)
     assert main([verb, "--help"]) == 2
     told = capsys.readouterr().err
-    assert told.count("\n") == 1 and f'"{verb}" is a verb of grasptrack-bench' in told and "install ./bench" in told
+    assert told.count("\n") == 1 and f'"{verb}" is a verb of grasptrack-bench' in told and bench_hint() in told
     assert main(["--help"]) == 0 and f"\n  {verb} " in capsys.readouterr().out
