@@ -237,6 +237,19 @@ def test_who_does_not_greet_keeps_no_place(monkeypatch: pytest.MonkeyPatch) -> N
             link.close()
 
 
+@pytest.mark.usefixtures("patient")
+def test_who_spoke_last_hears_the_end_and_no_reset() -> None:
+    for _ in range(20):
+        with ResultPublisher(ADDRESS) as publisher:
+            listener = Listener(publisher)
+            number = publish(publisher)
+            listener.link.sendall(masked(PING, b"?") * 50)
+        told = frames(listener.file.read())
+        assert told[-1][0] == CLOSE
+        assert [json.loads(body)["sequence"] for kind, body in told if kind == TEXT] == [number]
+        listener.close()
+
+
 def test_half_a_connection_is_a_connection_that_has_gone() -> None:
     with ResultPublisher(ADDRESS) as publisher:
         listener = Listener(publisher)

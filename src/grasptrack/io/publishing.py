@@ -170,6 +170,15 @@ class _Client:
         return bool(self.rest) or not self.greeted
 
 
+def _hang_up(link: socket.socket) -> None:
+    """End a connection; were there anything unread, its client would be told of a reset in place of the end."""
+    with contextlib.suppress(OSError):
+        link.shutdown(socket.SHUT_WR)
+        for _ in range(MOST_CLIENTS):
+            link.recv(_SEND_BUFFER)
+    link.close()
+
+
 class ResultPublisher:
     """Listens from the beginning, and sends while it is open as a context.
 
@@ -226,8 +235,10 @@ class ResultPublisher:
         self._wake_thread()
         self._thread.join()
         self._selector.close()
-        for link in (self._listener, self._wakes, self._waker, *(client.link for client in self._clients)):
+        for link in (self._listener, self._wakes, self._waker):
             link.close()
+        for client in self._clients:
+            _hang_up(client.link)
 
     def _wake_thread(self) -> None:
         with contextlib.suppress(BlockingIOError):  # it is woken already
@@ -310,7 +321,7 @@ class ResultPublisher:
         self._watch_client(client, 0 if gone else selectors.EVENT_WRITE if client.rest else hears)
         if gone:
             self._clients.remove(client)
-            client.link.close()
+            _hang_up(client.link)
 
     def _watch_client(self, client: _Client, wanted: int) -> None:
         if client.watched and not wanted:
