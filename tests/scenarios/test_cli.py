@@ -200,7 +200,7 @@ def test_version_names_the_backend_and_its_build(capsys: pytest.CaptureFixture[s
     assert re.fullmatch(rf"grasptrack \S+ \(backend {build}; {beneath}\)\n", capsys.readouterr().out)
 
 
-@pytest.mark.parametrize("given", [[], ["-h"], ["synthesize", "-h"]])
+@pytest.mark.parametrize("given", [["--help"], ["-h"], ["synthesize", "-h"]])
 def test_help_has_examples(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(given) == 0
     assert "Examples:\n  " in re.sub(r"\n +", "\n  ", capsys.readouterr().out)
