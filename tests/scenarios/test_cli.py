@@ -237,7 +237,7 @@ def strike(*_, **__):
     os.kill(os.getpid(), signal.{how})
 main.app = strike
 atexit.register(print, "torn down")
-sys.argv = ["grasptrack"]
+sys.argv = ["grasptrack", "doctor"]
 sys.exit(main.main())
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

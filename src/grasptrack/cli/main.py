@@ -8,6 +8,7 @@ GRASPTRACK_DEBUG=1 shows tracebacks.
 import os
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Annotated
 
 import typer
@@ -117,17 +118,18 @@ _add_verb(doctor, help_groups.SUPPORT, "Say what is installed, what is missing, 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the verb of arguments without the program's name, the process's if None; without any it says what to begin with."""
     given = sys.argv[1:] if arguments is None else arguments
-    status = run_app(app, given, "grasptrack") if given else tell_first_steps()
+    status = run_app(app, given, "grasptrack", tell_first_steps)
     if arguments is None:  # this process has nothing else to do
         end_process(status)
     return status
 
 
-def run_app(app: typer.Typer, arguments: Sequence[str], program: str) -> int:
-    """Run verbs so that each error becomes a line and an exit status."""
+def run_app(app: typer.Typer, arguments: Sequence[str], program: str, alone: Callable[[], int] | None = None) -> int:
+    """Run verbs so that each error becomes a line and an exit status; where there are no arguments, `alone` in their place."""
     with only_our_errors(), signals_as_interrupts() as struck:
         try:
-            status = app(list(arguments), prog_name=program, standalone_mode=False)
+            verbs = partial(app, list(arguments), prog_name=program, standalone_mode=False)
+            status = verbs() if arguments or alone is None else alone()
             if status == INTERRUPTED:  # so the parser of the command line tells of Ctrl-C
                 raise KeyboardInterrupt
             sys.stdout.flush()
