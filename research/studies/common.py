@@ -23,8 +23,9 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Contour, View
+from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.typing import Bools, Floats, Pixels
-from grasptrack_bench.method import Maker, MethodStart
+from grasptrack_bench.method import Maker, MethodStart, chosen_grasp
 from grasptrack_bench.metrics.mask_agreement import ENOUGH_F, ENOUGH_IOU, boundary_f, intersection_over_union, mask_of
 from grasptrack_bench.metrics.score import Score, Truth
 from grasptrack_bench.run_folder import describe_machine
@@ -62,13 +63,19 @@ def data_folder() -> Path:
 
 @dataclass(frozen=True)
 class Photo:
-    """A photo of one tool, of a kind and in a scene, and its true mask."""
+    """A photo of one tool, of a kind and in a scene, its true mask, and the outline of all of it where that is known."""
 
     name: str
     kind: str
     scene: str
     image: Pixels
     truth: Bools
+    outline: Sequence[Floats] = ()
+
+    def contacts(self) -> Floats:
+        """(k, 2) px, a grasp on it."""
+        shape = trace_silhouettes(self.truth.astype(np.uint8))[0]
+        return chosen_grasp(self.outline or [chain.astype(np.float64) for chain in (shape.outer, *shape.holes)])
 
     def deepest(self) -> tuple[float, float]:
         """(x, y) px of the mask's pixel that is farthest from all that is not of it: where a user would point."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The first look where it errs most: ten kinds of first images, each drawn with some parts. Is it right, asked, or wrong?
 
-Asked: the first outline is wrong, or there is none, and no answer would be taken for sure. Given contacts always are. With
-`--pictures DIR` each image is written whose first outline is not right.
+Asked: the first outline is wrong, or there is none, and no answer would be taken for sure. Unsure: it is right, and is not told
+as sure. With `--pictures DIR` each image is written whose first outline is not right.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from research.studies import common
 from research.studies.common import is_found
 
 HINTS = ("nothing", "pixel", "grasp")
-OUTCOMES = ("right", "asked", "wrong")
+OUTCOMES = ("right", "asked", "wrong", "unsure", "three")
 CENTRE = 320
 """px, the middle of a surface that is drawn here, ..."""
 UNIT = 200.0
@@ -180,8 +180,8 @@ def true_masks(frame: SceneFrame) -> list[Bools]:
     return [whole, whole & ~covered]
 
 
-def judge_look(frame: SceneFrame, hint: str) -> tuple[str, bool, View | None]:
-    """What becomes of one image: right, asked or wrong; whether one of three is right; and the first outline."""
+def judge_look(frame: SceneFrame, hint: str) -> tuple[list[str], View | None]:
+    """What becomes of one image, as of `OUTCOMES`, the first of these before others; and the first outline."""
     truths, told = true_masks(frame), FirstImage()
     if hint == "pixel":
         told = FirstImage.of(common.Photo("", "", "", frame.image, truths[1]).deepest())
@@ -191,12 +191,11 @@ def judge_look(frame: SceneFrame, hint: str) -> tuple[str, bool, View | None]:
         found = look_for(frame.image, told)
         first = found[0] if told.grasp is None else object_at_contacts(found, told.grasp)
     except GraspTrackError:
-        return "asked", False, None
+        return ["asked"], None
     three = any(is_found(truth, c.view) for c in distinct_candidates(found) for truth in truths)
-    if any(is_found(truth, first.view) for truth in truths):
-        return "right", True, first.view
-    sure = told.grasp is not None or first.sure
-    return "wrong" if sure else "asked", three, first.view
+    right = any(is_found(truth, first.view) for truth in truths)
+    told_as = [*(["three"] if three else []), *(["unsure"] if right and not first.sure else [])]
+    return ["right" if right else "wrong" if first.sure else "asked", *told_as], first.view
 
 
 def main() -> None:
@@ -216,17 +215,15 @@ def main() -> None:
         for hint in HINTS:
             told = Counter[str]()
             for name, frame in frames:
-                outcome, three, view = judge_look(frame, hint)
-                told.update([outcome, *(["three"] if three else [])])
-                if asked.pictures and outcome != "right":
-                    write_picture(asked.pictures / f"{outcome} {kind} {name} {hint}.png", frame, view)
+                outcomes, view = judge_look(frame, hint)
+                told.update(outcomes)
+                if asked.pictures and outcomes[0] != "right":
+                    write_picture(asked.pictures / f"{outcomes[0]} {kind} {name} {hint}.png", frame, view)
             total[hint].update(told)
-            cells.append(", ".join(str(told[o]) for o in (*OUTCOMES, "three")))
+            cells.append(", ".join(str(told[o]) for o in OUTCOMES))
         rows.append([kind, len(frames), *cells])
-    rows.append(
-        ["all", sum(r[1] for r in rows), *(", ".join(str(total[h][o]) for o in (*OUTCOMES, "three")) for h in HINTS)]
-    )
-    common.add_paragraph("Right, asked, wrong and sure; and how often one of three is right.")
+    rows.append(["all", sum(r[1] for r in rows), *(", ".join(str(total[h][o]) for o in OUTCOMES) for h in HINTS)])
+    common.add_paragraph("Right, asked, wrong and sure; right and not sure; and how often one of three is right.")
     common.add_table(["kind", "images", *HINTS], rows)
     common.write_sections(asked.output)
 

@@ -24,7 +24,7 @@ from grasptrack.nets.salient import SalientNet
 from grasptrack.segmentation.candidate import distinct_candidates
 from grasptrack.segmentation.candidate_search import CandidateSearch
 from grasptrack.segmentation.choice import Signs
-from grasptrack.segmentation.first_look import first_look
+from grasptrack.segmentation.first_look import look_for
 from grasptrack.segmentation.proposals import GIVEN, THRESHOLD
 from grasptrack.segmentation.segmenters import Region, Segmenter, segmenter_for
 from grasptrack.typing import Bools, Floats, Pixels
@@ -36,13 +36,16 @@ from research.studies.common import Photo, is_found, is_mask_found
 from research.studies.first_kinds import KINDS, draw_frame, true_masks
 from research.studies.polygons import mask_corners, move_corners
 
-HINTS = ("nothing", "pixel", "box", "polygon")
+HINTS = ("nothing", "pixel", "box", "polygon", "contacts")
 BINS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)
-FITTED = ("nothing", "pixel", "box")
+FITTED = {"without map": ("nothing", "pixel", "box"), "at contacts": ("contacts",)}
+"""Hints that numbers are fitted to: what lies round an outline counts at contacts alone."""
 SURE = 0.9
 SURE_HEADER = ["hint", "of", "looks", f"sure at {SURE:g}", "of these right"]
 SIDES = ("aside", "bevel", "block", "thick", "thick-6")
 """Scenes that show a part's sides, which belong to its outline in the first image, and not to the truth."""
+AROUND = 4
+"""Of `Signs.terms`, that of what lies round an outline."""
 BENCH = "suite"
 PHOTO_WEIGHT = 4.0
 """Of a look at a photo beside one at a rendered image: there are fewer."""
@@ -78,7 +81,7 @@ class Remembered:
 
 
 def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> PhotoLook:
-    """One photo with one hint: the deepest pixel of the mask, its bounding box, or a rough polygon."""
+    """One photo with one hint: the deepest pixel of the mask, its bounding box, a rough polygon, or contacts on it."""
     told: dict[str, Any] = {}
     if hint == "pixel":
         told["object_at"] = photo.deepest()
@@ -87,9 +90,11 @@ def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> PhotoLook:
         told["box"] = float(x.min()), float(y.min()), float(np.ptp(x)) + 1.0, float(np.ptp(y)) + 1.0
     if hint == "polygon":
         told["outline"] = move_corners(mask_corners(photo.truth), 0)
+    if hint == "contacts":
+        told["grasp"] = photo.contacts()
     start = time.perf_counter()
     try:
-        found = first_look(photo.image, segmenter=segmenter, **told)
+        found = look_for(photo.image, FirstImage.of(**told), segmenter)
     except ObservationError:
         found = []
     ms = (time.perf_counter() - start) * 1e3
@@ -110,9 +115,10 @@ def evaluate_photo(photo: Photo, hint: str, segmenter: Any) -> PhotoLook:
             float(np.nan_to_num(first.neck, nan=1.0)),
             float(np.nan_to_num(first.cut)),
             float(np.nan_to_num(first.toned)),
+            float(np.nan_to_num(first.around)),
         )
         if first
-        else Signs(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0),
+        else Signs(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0),
         ms,
     )
 
@@ -124,11 +130,12 @@ def suite_images(parts: Sequence[str], seed: int) -> list[Photo]:
     for case in make_scene_cases(built_in(parts), names, frames=2, seed=seed):
         frame = case.scene()[0]
         truth = inside_mask(frame.outline, frame.image.shape[1], frame.image.shape[0])
-        made.append(Photo(case.name, case.disturbance, BENCH, frame.image, truth))
+        made.append(Photo(case.name, case.disturbance, BENCH, frame.image, truth, frame.outline))
     for kind in KINDS:
         for part in built_in(parts):
             drawn = draw_frame(kind, part.shape, seed)
-            made.append(Photo(f"{part.shape.name}.{kind}", kind, BENCH, drawn.image, true_masks(drawn)[-1]))
+            truth = true_masks(drawn)[-1]
+            made.append(Photo(f"{part.shape.name}.{kind}", kind, BENCH, drawn.image, truth, drawn.outline))
     return made
 
 
@@ -172,6 +179,13 @@ def fit_logistic(terms: Floats, right: Bools, factor: Floats | float = 1.0, coun
     return np.concatenate([[found[0] - float(slopes @ middle)], slopes])
 
 
+def fitted_terms(looked: Sequence[PhotoLook]) -> Floats:
+    """(n, k) what a logistic function weighs of each look."""
+    terms = np.array([r.signs.terms for r in looked])
+    terms[:, AROUND] *= [r.hint == "contacts" for r in looked]
+    return terms
+
+
 def look_counts(looked: Sequence[PhotoLook]) -> Floats:
     """(n,) how much each look counts."""
     return np.array([1.0 if r.scene == BENCH else PHOTO_WEIGHT for r in looked])
@@ -179,7 +193,7 @@ def look_counts(looked: Sequence[PhotoLook]) -> Floats:
 
 def cross_validated(looked: Sequence[PhotoLook]) -> Floats:
     """(n,) probabilities of being right, those of each kind of object by a fit to the others."""
-    terms, ties = np.array([r.signs.terms for r in looked]), np.array([r.signs.factor for r in looked])
+    terms, ties = fitted_terms(looked), np.array([r.signs.factor for r in looked])
     right, kinds = np.array([r.first for r in looked]), np.array([r.kind for r in looked])
     told, counts = np.zeros(len(looked)), look_counts(looked)
     for kind in set(kinds.tolist()):
@@ -199,31 +213,37 @@ def reliability_rows(told: Floats, right: Bools) -> list[list[Any]]:
     return rows
 
 
-def report_fit(looked: Sequence[PhotoLook]) -> None:
-    """The numbers of probabilities fitted to all hints but polygons, and what they are worth on kinds that were left out."""
-    fitted = [r for r in looked if r.hint in FITTED and r.probability > 0.0]
+def report_fit(looked: Sequence[PhotoLook], name: str) -> None:
+    """The numbers of probabilities fitted to some hints, and what they are worth on kinds that were left out."""
+    fitted = [r for r in looked if r.hint in FITTED[name] and r.probability > 0.0]
+    if not fitted:
+        return
     right = np.array([r.first for r in fitted])
     ties = np.array([r.signs.factor for r in fitted])
-    weights = fit_logistic(np.array([r.signs.terms for r in fitted]), right, ties, look_counts(fitted))
+    weights = fit_logistic(fitted_terms(fitted), right, ties, look_counts(fitted))
     wrong = [r for r in fitted if not r.first]
     among = float(np.mean([r.three for r in wrong])) if wrong else 0.0
-    names = ("offset", "rating", "returned", "thin", "cut", "neck")
+    names = ("offset", "rating", "returned", "thin", "cut", "around", "neck")
     numbers = ", ".join(f'"{name}": {w:.2f}' for name, w in zip(names, weights.tolist(), strict=True))
-    common.add_paragraph(f'Fitted to {len(fitted)} looks: {numbers}, "among": {among:.2f}')
+    common.add_paragraph(f'"{name}", fitted to {len(fitted)} looks: {numbers}, "among": {among:.2f}')
+    told = cross_validated(fitted)
+    common.add_paragraph("Each kind of object, or of scene, by a fit to the others:")
+    common.add_table(SURE_HEADER, sure_rows(fitted, told))
+    common.add_table(["probability, these hints", "looks", "right as told", "right"], reliability_rows(told, right))
+
+
+def report_drawn_fit(looked: Sequence[PhotoLook]) -> None:
+    """The numbers of the probability of what was drawn."""
     drawn = [r for r in looked if r.hint == "polygon" and r.probability > 0.0 and r.scene != BENCH]
     terms = np.array([[r.signs.terms[1]] for r in drawn])
     offset, returned = fit_logistic(terms, np.array([r.first for r in drawn])).tolist()
     common.add_paragraph(f'Fitted to {len(drawn)} polygons: "offset": {offset:.2f}, "returned": {returned:.2f}')
-    told = cross_validated(fitted)
-    common.add_paragraph("Each kind of object, or of scene, by a fit to the others:")
-    common.add_table(SURE_HEADER, sure_rows(fitted, told))
-    common.add_table(["probability, all three hints", "looks", "right as told", "right"], reliability_rows(told, right))
 
 
 def sure_rows(looked: Sequence[PhotoLook], told: Floats) -> list[list[Any]]:
     """By hint, of photos and of the suite: how many are sure by these probabilities, and how many of these are right."""
     right, rows = np.array([r.first for r in looked]), list[list[Any]]()
-    for hint in FITTED:
+    for hint in (h for hints in FITTED.values() for h in hints):
         for name in ("photos", BENCH):
             mine = np.array([r.hint == hint and (r.scene == BENCH) is (name == BENCH) for r in looked])
             if mine.any():
@@ -240,15 +260,16 @@ def main() -> None:
         "--parts", type=lambda text: text.split(","), default=[], help="shapes of the suite, with commas"
     )
     parser.add_argument("--seed", type=int, default=0, help="of the suite's scenes")
+    parser.add_argument("--hints", type=lambda text: text.split(","), default=HINTS, help="with commas")
     parser.add_argument("--fit", action="store_true", help="print numbers of probabilities fitted to these photos")
     args, photos = common.parse_with_photos(parser)
     photos += suite_images(args.parts, args.seed) if args.parts else []
     given = segmenter_for(args.segmenter)
     segmenter = Remembered(given) if isinstance(given, SalientNet) else given
     common.begin_section(f"First look: photos of one tool each, {args.segmenter or 'classical'}")
-    looked = [evaluate_photo(photo, hint, segmenter) for photo in photos for hint in HINTS]
+    looked = [evaluate_photo(photo, hint, segmenter) for photo in photos for hint in args.hints]
     rows = []
-    for hint in HINTS:
+    for hint in args.hints:
         for scene in [*sorted({r.scene for r in looked}), "all"]:
             mine = [r for r in looked if r.hint == hint and scene in (r.scene, "all")]
             shares = [100.0 * float(np.mean([getattr(r, what) for r in mine])) for what in ("first", "three")]
@@ -257,14 +278,19 @@ def main() -> None:
     common.add_paragraph(
         "The time of a net that maps salient objects is in the first hint's alone: it is asked once for each photo."
     )
-    mine = [r for r in looked if r.hint == "nothing"]
+    mine = [r for r in looked if r.hint == args.hints[0]]
     told, right = np.array([r.probability for r in mine]), np.array([r.first for r in mine])
-    common.add_table(["probability, no hint", "photos", "right as told", "right"], reliability_rows(told, right))
+    common.add_table(
+        [f"probability, {args.hints[0]}", "photos", "right as told", "right"], reliability_rows(told, right)
+    )
     common.add_table(SURE_HEADER, sure_rows(looked, np.array([r.probability for r in looked])))
     common.add_paragraph("Photos with a right region among all that are proposed, given the pixel:")
     common.add_table(["source", "holds one, %", "alone, %"], generator_rows(photos, segmenter))
     if args.fit:
-        report_fit(looked)
+        for name in FITTED:
+            report_fit(looked, name)
+        if "polygon" in args.hints:
+            report_drawn_fit(looked)
     common.write_sections(args.output)
 
 

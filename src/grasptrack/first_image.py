@@ -111,18 +111,18 @@ class FirstImage:
 
     @property
     def is_pointed_at(self) -> bool:
-        """Whether a place in the image says which object is meant."""
-        return bool(self.object_at) or self.box is not None or self.outline is not None
+        """Whether a place in the image says which object is meant: contacts do not say how far it reaches."""
+        return bool(self.object_at) or self.box is not None or self.outline is not None or self.grasp is not None
 
     @property
     def names_object(self) -> bool:
-        """Whether anything says which object is meant: a place, contacts, or a candidate that was taken."""
-        return self.is_pointed_at or self.grasp is not None or self.number is not None
+        """Whether anything says which object is meant: a place, or a candidate that was taken."""
+        return self.is_pointed_at or self.number is not None
 
     @property
     def is_settled(self) -> bool:
-        """Whether it leaves no choice of the object: its outline, its contacts, or a candidate."""
-        return self.outline is not None or self.grasp is not None or self.number is not None
+        """Whether it leaves no choice of the object: its outline, or a candidate."""
+        return self.outline is not None or self.number is not None
 
     @property
     def says_anything(self) -> bool:

@@ -62,10 +62,23 @@ def test_an_arm_of_five_px_and_more_is_none(wide: int) -> None:
 def test_an_outline_round_two_things_has_two_tones(more: int, seed: int) -> None:
     shape, image = silhouette(filled(PLATE)), np.where(filled(PLATE) > 0, 150.0, 70.0)
     noise = np.random.default_rng(seed).normal(0.0, 3.0, image.shape)
-    alone = two_toned(shape, lab_planes((image + noise).clip(0, 255).astype(np.uint8)), 1)
+
+    def tones() -> tuple[float, float]:
+        return two_toned(shape, lab_planes((image + noise).clip(0, 255).astype(np.uint8)), 1)
+
+    assert max(tones()) < 0.02
     image[PLATE[1] : PLATE[3] + 1, 170 : PLATE[2] + 1] += more
-    both = two_toned(shape, lab_planes((image + noise).clip(0, 255).astype(np.uint8)), 1)
-    assert alone < 0.02 < both <= 1.0
+    within, around = tones()
+    assert around < 0.02 < within <= 1.0
+
+
+@given(st.integers(20, 60), st.integers(0, 9))
+def test_what_lies_on_an_object_gives_its_surroundings_two_tones(more: int, seed: int) -> None:
+    shape, image = silhouette(filled(PLATE)), np.where(filled(PLATE) > 0, 150.0, 70.0)
+    image[:, PLATE[2] + 1 :] += more
+    noise = np.random.default_rng(seed).normal(0.0, 3.0, image.shape)
+    within, around = two_toned(shape, lab_planes((image + noise).clip(0, 255).astype(np.uint8)), 1)
+    assert within < 0.02 < around <= 1.0
 
 
 @given(st.integers(0, 9), st.integers(2, 4))

@@ -143,15 +143,16 @@ def test_nested_regions_stay_and_probabilities_fall() -> None:
     st.lists(st.floats(-12.0, 0.0), min_size=1, max_size=30),
     st.floats(0.0, 20.0),
     st.floats(0.0, 1.0),
-    st.tuples(*[st.floats(0.1, 0.9)] * 5),
+    st.tuples(*[st.floats(0.1, 0.9)] * 6),
+    st.booleans(),
     st.booleans(),
 )
 def test_probabilities_are_such(
-    worth: list[float], lead: float, rating: float, shares: tuple[float, ...], mapped: bool
+    worth: list[float], lead: float, rating: float, shares: tuple[float, ...], mapped: bool, at_contacts: bool
 ) -> None:
-    falling, (returned, thin, neck, cut, toned) = np.array(sorted(worth, reverse=True)), shares
-    signs = Signs(rating, lead, returned, thin, neck, cut, toned)
-    told = choice_probabilities(falling, signs, load_numbers(mapped))
+    falling, (returned, thin, neck, cut, toned, around) = np.array(sorted(worth, reverse=True)), shares
+    signs, numbers = Signs(rating, lead, returned, thin, neck, cut, toned, around), load_numbers(mapped, at_contacts)
+    told = choice_probabilities(falling, signs, numbers)
     assert (told >= 0.0).all() and told.sum() <= 1.0 + 1e-9
     assert (np.diff(told) <= 1e-12).all()
     for better in (
@@ -161,8 +162,9 @@ def test_probabilities_are_such(
         {"neck": neck + 0.1},
         {"cut": cut - 0.1},
         {"toned": toned - 0.1},
+        {"around": around - 0.1},
     ):
-        assert choice_probabilities(falling, signs._replace(**better), load_numbers(mapped))[0] >= told[0]
+        assert choice_probabilities(falling, signs._replace(**better), numbers)[0] >= told[0]
 
 
 def test_candidates_are_shown_and_one_is_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import grasptrack as gt
@@ -19,7 +19,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.trackability import inspect
 from grasptrack_bench.simulation import SHAPES, Scene, similarity_path
-from scenery import L_PLATE, drawn
+from scenery import L_PLATE, SQUARE, drawn
 from servo_bench import Bench
 
 TWO = drawn(L_PLATE, L_PLATE, centres=((180.0, 240.0), (460.0, 240.0)), size=(480, 640))
@@ -61,6 +61,47 @@ def test_what_is_not_on_the_object_is_no_word_which_is() -> None:
     """Three are left two."""
     three = drawn(L_PLATE, L_PLATE, L_PLATE, centres=((110.0, 120.0), (320.0, 240.0), (530.0, 360.0)), size=(480, 640))
     assert not first_result(three, not_at=(100, 120)).object_sure
+
+
+@settings(max_examples=12)
+@given(
+    turn=st.floats(0.0, 6.28),
+    wide=st.floats(8.0, 26.0),
+    at=st.floats(-0.5, 0.5),
+    seed=st.integers(0, 9),
+)
+def test_contacts_say_where_and_not_how_far_it_reaches(turn: float, wide: float, at: float, seed: int) -> None:
+    """A cable of the plate's grey that comes from outside lies within the same outline: that is right, or it is not sure."""
+    ring = np.array([[-90, -55], [90, -55], [90, 55], [-90, 55]], dtype=np.float64)
+    middle = 90.0 * at
+    cable = np.array([[middle - wide, -50], [middle + wide, -50], [middle + wide, -500], [middle - wide, -500]])
+    image = drawn(ring, cable, centres=((320.0, 240.0),) * 2, angle=turn, size=(480, 640), seed=seed)
+    c, s = np.cos(turn), np.sin(turn)
+    contacts = np.array([[-90.0, 0.0], [90.0, 0.0]]) @ np.array([[c, s], [-s, c]]) + (320.0, 240.0)
+    tracker = gt.GraspTracker(grasp=contacts)
+    result = tracker.update(image)
+    assert result.status == "tracked" and result.view is not None
+    assert result.object_probability == tracker.candidates[0].probability
+    right = result.view.outer.area == pytest.approx(180.0 * 110.0, rel=0.03)
+    assert right or not result.object_sure
+    alone = drawn(ring, centres=((320.0, 240.0),), angle=turn, size=(480, 640), seed=seed)
+    assert first_result(alone, grasp=contacts).object_sure
+
+
+def test_of_what_carries_the_contacts_a_number_takes_one() -> None:
+    """A tile of another grey touches the plate: the plate, or both together."""
+    image = drawn(1.5 * SQUARE, centres=((260.0, 240.0),), angle=0.0, size=(480, 640), noise=0.0)
+    cv2.rectangle(image, (335, 190), (430, 290), (30,), -1)
+    image = np.clip(image + np.random.default_rng(1).normal(0.0, 1.5, image.shape), 0, 255).astype(np.uint8)
+    contacts = [[260.0, 165.0], [260.0, 315.0]]
+    found = gt.GraspTracker(grasp=contacts)
+    assert not found.update(image).object_sure
+    assert len(found.candidates) > 1
+    for number, each in enumerate(found.candidates, 1):
+        result = first_result(image, grasp=contacts, number=number)
+        assert result.object_sure and result.view == each.view
+    with pytest.raises(InputError, match="candidates, not 9"):
+        first_result(image, grasp=contacts, number=9)
 
 
 @pytest.mark.parametrize("sure", [-0.1, 1.0, float("nan")])

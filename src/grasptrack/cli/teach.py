@@ -103,16 +103,17 @@ def _view_and_grasps(
     from grasptrack.segmentation.segmenters import segmenter_for
     from grasptrack.tracking.initialization import object_at_contacts
 
-    said = scene.said
+    said, settled = scene.said, scene.said.is_settled or scene.mask is not None
     if contacts is not None and said.grasp is not None:
-        view = object_at_contacts(look_for(scene.image, said, segmenter_for(segmenter), scene.mask), said.grasp).view
-        return view, [Grasp(said.grasp.contacts).snapped(view)], 1.0
+        found = look_for(scene.image, said, segmenter_for(segmenter), scene.mask)
+        meant = object_at_contacts(found, said.grasp, said.number)
+        return meant.view, [Grasp(said.grasp.contacts).snapped(meant.view)], 1.0 if settled else meant.probability
     views, _, probability = first_image.find_outlines(scene, segmenter)
     (fingers, friction, hand), others = asked, views[1:]
-    found = synthesize(views[0], fingers, friction, None, KEPT, hand=hand, neighbours=others)
-    if not found:
-        raise ObservationError(f"no grasp: {found.reason}")
-    return views[0], found, 1.0 if said.is_settled or scene.mask is not None else probability
+    made = synthesize(views[0], fingers, friction, None, KEPT, hand=hand, neighbours=others)
+    if not made:
+        raise ObservationError(f"no grasp: {made.reason}")
+    return views[0], made, 1.0 if settled else probability
 
 
 def parts(

@@ -172,7 +172,7 @@ def _question_of(shown: Shown, told: str, remedy: str) -> Headline:
         return Headline("No object", "searching", shown.notice[1] or told or "click it, or draw its outline", remedy)
     if shown.proposal.is_sure(shown.meant.sure):
         return Headline("Object found", "searching", "Start follows the grasp that is shown")
-    if len(found) == 1 and (shown.meant.object_at or shown.meant.box):
+    if len(found) == 1 and shown.meant.is_pointed_at:
         return Headline("This one?", "unstable", "press Start if its outline is right; else click again, or draw it")
     return Headline("Which object?", "unstable", "take a number, or click the object")
 

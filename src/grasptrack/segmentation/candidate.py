@@ -15,6 +15,8 @@ from grasptrack import kernels
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import ContourError, InputError
 from grasptrack.geometry.contours import Contour, View
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.force_closure import ON_OUTLINE
 from grasptrack.images import PLAIN, Channel, Grey
 from grasptrack.presentation import png_of, to_dict
 from grasptrack.segmentation.closed_edges import Planes
@@ -87,6 +89,7 @@ class Candidate(NamedTuple):
         neck: width of its narrowest neck, a share of the size of the lesser part beyond it; NaN of all but the first.
         cut: what the image's border takes from its rating, 0 to 1; NaN of all but the first.
         toned: how plainly its outline has two parts of different colours, 0 to 1; NaN of all but the first.
+        around: the same of what lies round it, as of a hand on it; NaN of all but the first.
         level: grey level of the threshold that separated it from the ground; NaN where closed edges did.
         recipe: which closing of edges finds it; -1 for a threshold.
         channel: the mixture of colours that shows it; grey levels are levels of that.
@@ -108,6 +111,7 @@ class Candidate(NamedTuple):
     neck: float = math.nan
     cut: float = math.nan
     toned: float = math.nan
+    around: float = math.nan
     level: float = math.nan
     recipe: int = -1
     channel: Channel = PLAIN
@@ -233,15 +237,20 @@ def alike_share(shape: Silhouette, planes: Planes, px: int) -> float:
     return float((np.linalg.norm(outside - inside, axis=1) <= SIDE_NOISE * np.median(along)).mean())
 
 
-def two_toned(shape: Silhouette, planes: Planes, px: int) -> float:
-    """How plainly a region's outline has two parts of different colours, as of two things, 0 to 1.
+def two_toned(shape: Silhouette, planes: Planes, px: int) -> tuple[float, float]:
+    """How plainly a region's outline has two parts of different colours, 0 to 1: within it, as of two things, and round it.
 
-    It is cut into two parts so that these explain most of how its inner colours vary. That share counts as much as the parts
-    differ beside the region's own contrast. The planes (h, w, C) are of the image reduced by `px`.
+    It is cut into two parts so that these explain most of how the colours on one side vary. That share counts as much as the
+    parts differ beside the region's own contrast. The planes (h, w, C) are of the image reduced by `px`.
     """
-    inside, outside = map(_mean_along, _side_colors(shape, planes, px, SIDE_DEPTH))
-    contrast = float(np.median(np.linalg.norm(inside - outside, axis=1)))
-    n, centred = len(inside), inside - inside.mean(axis=0)
+    sides = tuple(map(_mean_along, _side_colors(shape, planes, px, SIDE_DEPTH)))
+    contrast = float(np.median(np.linalg.norm(sides[0] - sides[1], axis=1)))
+    return _parted(sides[0], contrast), _parted(sides[1], contrast)
+
+
+def _parted(colours: Floats, contrast: float) -> float:
+    """How plainly colours (n, C) along an outline of some contrast are those of two parts, 0 to 1."""
+    n, centred = len(colours), colours - colours.mean(axis=0)
     sums = np.vstack([np.zeros((1, centred.shape[1])), np.cumsum(centred, axis=0)])
     count = np.arange(n + 1) - np.arange(n + 1)[:, None]
     cuts = (count >= MIN_TONE) & (count <= n - MIN_TONE)
@@ -321,6 +330,11 @@ def _distinct_share(across: Floats, noise: Floats, weights: Floats) -> float:
 def contains_pixel(view: View, x: float, y: float, margin: float = 0.0) -> bool:
     """Whether a pixel lies within the outer contour, or no more than a margin in px beside it."""
     return cv2.pointPolygonTest(view.outer.points.astype(np.float32), (float(x), float(y)), True) >= -margin
+
+
+def distance_of_contacts(view: View, grasp: Grasp) -> tuple[float, float]:
+    """px from an outline to the farthest of given contacts, and how far at most they lie on it."""
+    return float(grasp.on(view)[:, 2].max()), ON_OUTLINE * math.sqrt(view.outer.area)
 
 
 def is_same_region(one: View, other: View, share: float = SAME_REGION) -> bool:

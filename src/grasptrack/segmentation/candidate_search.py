@@ -23,6 +23,7 @@ from grasptrack.segmentation.candidate import (
     candidate_of_edges,
     candidate_of_one_level,
     contains_pixel,
+    distance_of_contacts,
     is_plausible_object,
     is_same_region,
     two_toned,
@@ -82,6 +83,8 @@ BOX_AGREEING = 3.0 * AGREEING
 """px that the sides of both boxes may differ by before that is looked at."""
 FALLBACK_RECIPE = 2
 """Of `closed_edges.RECIPES`: looks for what no way of looking found by itself."""
+AS_NEAR = 1.5
+"""px by which one outline may be nearer to given contacts than another that they lie on just as well."""
 CLICK_MARGIN = 3.0
 """px: a click may lie so far beside a thin part."""
 MIN_BOX_OVERLAP = 0.3
@@ -91,7 +94,8 @@ NESTED_SHARE = 0.4
 
 
 class _Rated(NamedTuple):
-    """A proposal, the logarithm of its worth, with the segmenter's maps and without, and whether it holds given contacts."""
+    """A proposal, the logarithm of its worth, with the segmenter's maps and without, and whether it holds given contacts: of a
+    contour, whether they lie on it as near as on any."""
 
     proposal: OutlineProposal
     worth: float
@@ -158,7 +162,7 @@ class CandidateSearch:
             found = [self._drawn_candidate(self._said.outline)]
         else:
             rated = self._rate_meant()
-            found = self._with_probabilities(self._localize_all(rated), rated)
+            found = self._with_probabilities(self._contacts_first(self._localize_all(rated)), rated)
         return self._in_whole_image(found)
 
     def rough_outlines(self) -> list[RoughOutline]:
@@ -248,23 +252,39 @@ class CandidateSearch:
                 kept.append(_Rated(compared[k], float(worth[k]), float(unmapped[k]), held[k]))
         return kept
 
+    def _contacts_first(self, found: list[tuple[Candidate, _Rated]]) -> list[tuple[Candidate, _Rated]]:
+        """Those first that given contacts lie nearest to, and no others but where there is none that they lie on."""
+        if self._said.grasp is None or not found:
+            return found
+        away = [distance_of_contacts(c.view, self._said.grasp) for c, _ in found]
+        lie_on = [far <= allowed for far, allowed in away]
+        # a hole may be an object of its own, and its outline that of the part round it as well: the part is rated higher
+        near = min(away)[0] + AS_NEAR
+        told = [
+            (c, r._replace(held=far <= near))
+            for (c, r), (far, _), on in zip(found, away, lie_on, strict=True)
+            if on or not any(lie_on)
+        ]
+        return sorted(told, key=lambda each: not each[1].held)
+
     def _with_probabilities(self, found: list[tuple[Candidate, _Rated]], rated: list[_Rated]) -> list[Candidate]:
         """Candidates with their probabilities."""
         if not found or self._masks_only:
             return [candidate._replace(probability=1.0) for candidate, _ in found]
         first, own = found[0]
-        rivals = [r for r in rated if _is_another(r.proposal.silhouette, own.proposal.silhouette)]
+        others = rated if self._said.grasp is None else [r for _, r in found if r.held]
+        rivals = [r for r in others if _is_another(r.proposal.silhouette, own.proposal.silhouette)]
         # what stands out for a net, as a person does, need not be what is meant: the outline alone has a say
         lead = min((min(own.worth - r.worth, own.unmapped - r.unmapped) for r in rivals), default=math.inf)
         returned = self._unmapped_snapper.return_share(first.view.outer.points)
         worth = np.array([r.worth for _, r in found])
         rating, shape, edges = own.proposal.rating, own.proposal.silhouette, self._scene.edges
         thin, neck, cut = thin_share(shape, edges.shrink), neck_width(shape, edges.shrink), 1.0 - rating.complete
-        toned = two_toned(shape, edges.planes, edges.shrink)
-        signs = Signs(rating.score, lead, returned, thin, neck, cut, toned)
+        signs = Signs(rating.score, lead, returned, thin, neck, cut, *two_toned(shape, edges.planes, edges.shrink))
         # the numbers with a map were fitted to votes: of alternatives the more cautious ones count
-        asked = {bool(self._maps), self._voted}
-        share = np.min([choice_probabilities(worth, signs, load_numbers(mapped)) for mapped in asked], axis=0)
+        at_contacts = self._said.grasp is not None
+        asked = [load_numbers(mapped, at_contacts) for mapped in {bool(self._maps), self._voted and not at_contacts}]
+        share = np.min([choice_probabilities(worth, signs, numbers) for numbers in asked], axis=0)
         judged = [
             c._replace(probability=float(p), alike=alike_share(r.proposal.silhouette, edges.planes, edges.shrink))
             for (c, r), p in zip(found, share, strict=True)
@@ -313,7 +333,7 @@ class CandidateSearch:
             if p.recipe != GIVEN and p.rating.score < least:
                 is_offered = cut < MAX_CUT and p.rating.is_cut and p.rating.score_in_view >= least
                 # alone it is an empty image's ground
-                if not is_offered or not (found or self._said.is_pointed_at or each.held):
+                if not is_offered or not (found or self._said.is_pointed_at):
                     continue
                 cut += 1
             is_part = _overlaps_found(p.silhouette, taken, [c for c, _ in found])

@@ -45,7 +45,7 @@ class ChoiceNumbers(NamedTuple):
     Attributes:
         map_power: of the overlap with a segmenter's map.
         box_power: of the overlap of boxes.
-        offset, rating, returned, thin, cut, neck: of a logistic function: constant, and weights of `Signs.terms`.
+        offset, rating, returned, thin, cut, around, neck: of a logistic function: constant, and weights of `Signs.terms`.
             Times `Signs.factor` it is the probability.
         among: share of cases with a wrong first one in which another one is right.
     """
@@ -57,6 +57,7 @@ class ChoiceNumbers(NamedTuple):
     returned: float
     thin: float
     cut: float
+    around: float
     neck: float
     among: float
 
@@ -72,6 +73,7 @@ class Signs(NamedTuple):
         neck: width of its narrowest neck, as of `silhouettes.neck_width`.
         cut: what the image's border takes from its rating, 0 to 1.
         toned: how plainly it may be two things, as of `candidate.two_toned`.
+        around: how plainly two things lie round it, as of the same.
     """
 
     rating: float
@@ -81,11 +83,12 @@ class Signs(NamedTuple):
     neck: float
     cut: float
     toned: float
+    around: float
 
     @property
     def terms(self) -> tuple[float, ...]:
         """What a logistic function weighs: all but the lead, and that it may be two things."""
-        bad = 1.0 - self.returned, self.thin, self.cut
+        bad = 1.0 - self.returned, self.thin, self.cut, self.around
         return math.log(self.rating + RATING_OFFSET), *map(soundness_term, bad), math.log(self.neck)
 
     @property
@@ -105,9 +108,9 @@ def drawn_probability(returned: float) -> float:
     return logistic(numbers["offset"] + numbers["returned"] * soundness_term(1.0 - returned))
 
 
-def load_numbers(mapped: bool) -> ChoiceNumbers:
-    """The fitted numbers, for choices with or without a segmenter's map."""
-    return ChoiceNumbers(**_fitted_numbers()["with map" if mapped else "without map"])
+def load_numbers(mapped: bool, at_contacts: bool = False) -> ChoiceNumbers:
+    """The fitted numbers, for choices with or without a segmenter's map; without it others where contacts are given."""
+    return ChoiceNumbers(**_fitted_numbers()["with map" if mapped else "at contacts" if at_contacts else "without map"])
 
 
 @lru_cache(maxsize=1)
@@ -139,7 +142,7 @@ def choice_probabilities(worth: Floats, signs: Signs, numbers: ChoiceNumbers) ->
     """(n,) probability of each proposal to be the object, the likeliest first; what is missing to 1 is that of none."""
     if not len(worth):
         return np.zeros(0)
-    weights = (numbers.rating, numbers.returned, numbers.thin, numbers.cut, numbers.neck)
+    weights = numbers.rating, numbers.returned, numbers.thin, numbers.cut, numbers.around, numbers.neck
     log_odds = numbers.offset + sum(w * t for w, t in zip(weights, signs.terms, strict=True))
     first = logistic(log_odds) * signs.factor
     rest = np.exp(worth[1:] - worth[0])

@@ -27,6 +27,7 @@ from grasptrack.segmentation.contact_cut import reduction_of, region_at_contacts
 from grasptrack.segmentation.localization import ALIKE as GROUND_ALIKE
 from grasptrack.segmentation.localization import HOLE_CONTRAST
 from grasptrack.segmentation.quadrangles import find_quadrangles
+from grasptrack.segmentation.seams import parts_with_contacts
 from grasptrack.segmentation.silhouettes import (
     Silhouette,
     candidate_thresholds,
@@ -68,6 +69,8 @@ GROUND_SHARE = 0.5
 the factor is theirs."""
 CUT_LIKELY = 0.8
 """Factor on the rating of a cut between contacts, which sees a blurred image: what edges show as well is preferred."""
+MOST_CUT = 3
+"""Regions that are cut where they may be two things, the best rated."""
 GAP_MARGIN = 10
 """px of the reduced image around a region in which the ground's colour is measured."""
 GAP_DEPTH, MIN_GAP, OUTSIDE = 4, 8, 0.05
@@ -328,6 +331,25 @@ def propose_at_contacts(scene: PreparedImage) -> Iterator[OutlineProposal]:
         yield OutlineProposal(scene.contact_region, rating, likely=CUT_LIKELY)
 
 
+def propose_at_seams(scene: PreparedImage, found: Sequence[OutlineProposal]) -> Iterator[OutlineProposal]:
+    """What regions with given contacts that reach the image's border are without what reaches it, as a cable: cut at a neck.
+
+    The narrower a cut the likelier it is one.
+    """
+    if scene.said.grasp is None or scene.said.masked:
+        return
+    held = [p for p in found if p.rating is not UNRATED and p.rating.is_cut and scene.holds_contacts(p.silhouette)]
+    for p in sorted(held, key=lambda p: -p.comparison_order)[:MOST_CUT]:
+        near = max(ON_OUTLINE * math.sqrt(p.silhouette.area), SAME_OUTLINE)
+        for part in parts_with_contacts(p.silhouette, scene.said.grasp.contacts, near):
+            shape = polygon_silhouette(part.outer.astype(np.float64), scene.grey.shape)
+            scene.work.spend(RATED)
+            if shape is not None:
+                rating = scene.scorer.rate_silhouette(shape)
+                if not rating.is_cut:
+                    yield OutlineProposal(shape, rating, likely=p.likely * (1.0 - part.narrow))
+
+
 def propose_from_maps(scene: PreparedImage, maps: Sequence[Floats32]) -> Iterator[OutlineProposal]:
     """What a segmenter's maps (H, W), 0 to 1, show at several levels."""
     for each in maps:
@@ -349,6 +371,7 @@ def propose_silhouettes(
     """All silhouettes of an image, the best rated first, each once; not `ranked`, the order is rough."""
     pointed_at = [*propose_quadrangles(scene), *propose_at_contacts(scene)]  # before all else, while the work allows it
     found = [*propose_thresholds(scene), *propose_closed_edges(scene), *propose_from_maps(scene, maps), *pointed_at]
+    found += propose_at_seams(scene, found)
     if ranked:
         _doubt_bridged_gaps(found, scene)
     return _remove_duplicates(sorted(found, key=lambda p: -p.comparison_order), scene)

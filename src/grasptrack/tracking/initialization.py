@@ -24,11 +24,11 @@ from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.grasp.force_closure import DEFAULT_FRICTION, ON_OUTLINE
+from grasptrack.grasp.force_closure import DEFAULT_FRICTION
 from grasptrack.grasp.hand import Hand, Length
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.images import Grey, as_scene, to_bgr, to_mask
-from grasptrack.segmentation.candidate import Candidate, numbered_candidate, remove_nested
+from grasptrack.segmentation.candidate import Candidate, distance_of_contacts, numbered_candidate, remove_nested
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.segmenters import Segmenter
 from grasptrack.tracking.camera import Beforehand
@@ -45,8 +45,6 @@ NEARLY_AS_GOOD = 0.7
 """Share of the best quality that a grasp needs to be preferred for being easier to carry."""
 TRIED_GRASPS = 50
 """Synthesised grasps of which one is wanted that the strategy can carry and whose contacts the image shows."""
-SAME_OUTLINE = 1.5
-"""px by which outlines may differ that two candidates share."""
 APART = 0.3
 """Outlines whose mean points lie within this fraction of sqrt(area) belong to one object."""
 
@@ -91,11 +89,8 @@ class Wish:
 
     def is_sure_of(self, candidate: Candidate) -> bool:
         """Whether a person said which outline is meant, or its choice is sure."""
-        settled = self.said.grasp is not None or self.said.number is not None
-        settled = settled or (
-            self.said.outline is not None and not self.waits
-        )  # an outline may be of a place that is empty
-        return settled or candidate.probability >= self.said.sure
+        drawn = self.said.outline is not None and not self.waits  # an outline may be of a place that is empty
+        return drawn or self.said.number is not None or candidate.probability >= self.said.sure
 
     def for_next(self) -> Wish:
         """A grasp on whatever object comes next, once it lies whole in view."""
@@ -258,7 +253,7 @@ def mask_as_scene(mask: NDArray[Any], shape: tuple[int, int]) -> Grey:
 def _choose_candidate(found: list[Candidate], wish: Wish) -> Candidate | None:
     """The given contacts' object, the one whose grasp was refused, or the most outstanding."""
     if wish.said.grasp is not None:
-        return object_at_contacts(found, wish.said.grasp)
+        return object_at_contacts(found, wish.said.grasp, wish.said.number)
     if wish.before is not None:
         return object_at_outline(found, wish.before)
     return numbered_candidate(found, wish.said.number)
@@ -295,23 +290,21 @@ def _placed_grasp(given: Grasp, view: View, wish: Wish) -> Grasp:
     return Grasp.of(np.where(far[:, None], given.contacts, snapped.contacts), given.quality)
 
 
-def object_at_contacts(found: list[Candidate], grasp: Grasp) -> Candidate:
-    """The object whose outline is nearest to all given contacts.
+def object_at_contacts(found: list[Candidate], grasp: Grasp, number: int | None = None) -> Candidate:
+    """The object that given contacts were found on, or that of these with a number, 1 being the likeliest.
 
     Raises:
         GraspError: a contact is too far from it.
+        InputError: there are fewer.
     """
-    distances = [float(grasp.on(c.view)[:, 2].max()) for c in found]
-    # a hole may be an object of its own, and its outline that of the part round it as well: the part is rated higher
-    index = next(i for i, d in enumerate(distances) if d <= min(distances) + SAME_OUTLINE)
-    distance = distances[index]
-    limit = ON_OUTLINE * math.sqrt(found[index].view.outer.area)
+    candidate = numbered_candidate(found, number)
+    distance, limit = distance_of_contacts(candidate.view, grasp)
     if distance > limit:
         raise GraspError(
             f"a contact is {distance:.1f} px from the nearest object's outline; at most {limit:.1f} px are allowed",
             distance=distance,
         )
-    return found[index]
+    return candidate
 
 
 def object_at_outline(found: list[Candidate], view: View) -> Candidate | None:

@@ -59,8 +59,8 @@ class TrackResult:
             plane is tilted, and whether the grasp closes depends on it; "contact-unseen" where neither the outline at a contact
             nor the surface beside it was seen for half a second in which the object moved; "not-flat" where views show sides
             so high that a contact on a lower edge is off; "not-pinhole" where they fit pixels that are not square; else empty.
-        object_sure: the choice of the object in the first view is sure, or a person took its outline, its contacts or a
-            candidate; a pixel or a box says where it is, not which outline it has.
+        object_sure: the choice of the object in the first view is sure, or a person took its outline or a candidate; a pixel,
+            a box or contacts say where it is, not which outline it has.
         object_probability: 0 to 1, of the outline that was chosen in the first view; NaN where no choice was made.
         last_seen: (k,) index of the last update in which each contact was seen itself, by the outline under the finger or the
             surface beside it; None with the contacts.
