@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where it is not sure which object is meant: it is said, it is shown, and no hand moves."""
 
+import csv
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -89,13 +90,13 @@ def test_contacts_say_where_and_not_how_far_it_reaches(turn: float, wide: float,
 
 
 def test_of_what_carries_the_contacts_a_number_takes_one() -> None:
-    """A tile of another grey touches the plate: the plate, or both together."""
-    image = drawn(1.5 * SQUARE, centres=((260.0, 240.0),), angle=0.0, size=(480, 640), noise=0.0)
-    cv2.rectangle(image, (335, 190), (430, 290), (30,), -1)
-    image = np.clip(image + np.random.default_rng(1).normal(0.0, 1.5, image.shape), 0, 255).astype(np.uint8)
-    contacts = [[260.0, 165.0], [260.0, 315.0]]
+    """A cable of the plate's grey runs up to it: the plate, or both together."""
+    ring, cable = 1.5 * SQUARE, np.array([[-12, -70], [12, -70], [12, -300], [-12, -300]], dtype=np.float64)
+    image = drawn(ring, cable, centres=((260.0, 240.0),) * 2, angle=0.0, size=(480, 640))
+    contacts = [[185.0, 240.0], [335.0, 240.0]]
     found = gt.GraspTracker(grasp=contacts)
     assert not found.update(image).object_sure
+    assert found.candidates[0].view.outer.area == pytest.approx(150.0**2, rel=0.02)
     assert len(found.candidates) > 1
     for number, each in enumerate(found.candidates, 1):
         result = first_result(image, grasp=contacts, number=number)
@@ -161,6 +162,26 @@ def test_a_rendered_hand_stands_still_and_says_why(tmp_path: Path) -> None:
     assert row.outcome == "failed" and "not sure which object" in row.reason
     assert not np.any(twists)
     assert main(["servo", "--sure", "1.2", "--output", str(tmp_path)]) == 2
+
+
+@pytest.mark.parametrize("verb", ["track", "inspect"])
+def test_verbs_with_contacts_go_on_and_say_that_it_is_not_sure(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ring, cable = 1.5 * SQUARE, np.array([[-12, -70], [12, -70], [12, -300], [-12, -300]], dtype=np.float64)
+    photo, out = tmp_path / "cable.png", tmp_path / "out"
+    cv2.imwrite(str(photo), drawn(ring, cable, centres=((260.0, 240.0),) * 2, angle=0.0, size=(480, 640)))
+    words = [verb, str(photo), "--grasp", "185,240 335,240", "--output", str(out)]
+    words += ["--no-video"] if verb == "track" else ["--runs", "1"]
+    assert main(words) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "is not sure" in told and "round it" in told
+    assert (out / "candidates.png").exists()
+    if verb == "track":
+        (row,) = csv.DictReader((out / "grasps.csv").read_text().splitlines())
+        assert row["status"] == "tracked" and row["object_sure"] == "0" and float(row["object_probability"]) < 0.9
+    assert main([*words, "--choose", "1"]) == 0
+    assert "not sure" not in capsys.readouterr().out
 
 
 @pytest.mark.slow

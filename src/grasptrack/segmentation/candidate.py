@@ -67,6 +67,8 @@ MOSTLY_ALIKE = 0.5
 """Share of an outline with the same on both sides that makes it one of seams, as between planks."""
 MOSTLY = 0.75
 """Share of an outline within another one that makes it a part of that."""
+SAME_EDGE = 1.5
+"""px by which two outlines may differ on the same edge."""
 ENCLOSURE_SAMPLES = 30
 """Points of an outline, some, that are looked up in another one."""
 
@@ -382,14 +384,14 @@ def describe_candidate(candidate: Candidate, first: Candidate) -> str:
     """How a candidate lies to the first one, for a person: "round it, 3.1 times as large", "within it", "elsewhere"."""
     times = candidate.view.outer.area / first.view.outer.area
     cut = ", cut by the image's border" if candidate.view.is_clipped else ""
-    if _share_within(first.view, candidate.view) > MOSTLY:
+    if _share_within(first.view, candidate.view, SAME_EDGE) > MOSTLY:
         return f"round it, {times:.1f} times as large{cut}"
-    if _share_within(candidate.view, first.view) > MOSTLY:
+    if _share_within(candidate.view, first.view, SAME_EDGE) > MOSTLY:
         return f"within it, {100 * times:.0f} % of its area{cut}"
     return f"elsewhere{cut}"
 
 
-def _share_within(inner: View, outer: View) -> float:
-    """Share of an outline's points, of some thirty, that lie within another."""
+def _share_within(inner: View, outer: View, margin: float = 0.0) -> float:
+    """Share of an outline's points, of some thirty, that lie within another, or no more than a margin in px beside it."""
     points = inner.outer.points[:: max(1, len(inner.outer) // ENCLOSURE_SAMPLES)].tolist()
-    return sum(contains_pixel(outer, x, y) for x, y in points) / len(points)
+    return sum(contains_pixel(outer, x, y, margin) for x, y in points) / len(points)

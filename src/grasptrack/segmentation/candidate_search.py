@@ -18,6 +18,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.images import PLAIN, Grey, with_room
 from grasptrack.segmentation.background import background_maps
 from grasptrack.segmentation.candidate import (
+    SAME_EDGE,
     Candidate,
     alike_share,
     candidate_of_edges,
@@ -83,8 +84,6 @@ BOX_AGREEING = 3.0 * AGREEING
 """px that the sides of both boxes may differ by before that is looked at."""
 FALLBACK_RECIPE = 2
 """Of `closed_edges.RECIPES`: looks for what no way of looking found by itself."""
-AS_NEAR = 1.5
-"""px by which one outline may be nearer to given contacts than another that they lie on just as well."""
 CLICK_MARGIN = 3.0
 """px: a click may lie so far beside a thin part."""
 MIN_BOX_OVERLAP = 0.3
@@ -259,7 +258,7 @@ class CandidateSearch:
         away = [distance_of_contacts(c.view, self._said.grasp) for c, _ in found]
         lie_on = [far <= allowed for far, allowed in away]
         # a hole may be an object of its own, and its outline that of the part round it as well: the part is rated higher
-        near = min(away)[0] + AS_NEAR
+        near = min(away)[0] + SAME_EDGE
         told = [
             (c, r._replace(held=far <= near))
             for (c, r), (far, _), on in zip(found, away, lie_on, strict=True)

@@ -70,5 +70,5 @@ def _inward_corners(ring: Floats) -> NDArray[np.intp]:
     turn = np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], (before * after).sum(axis=1))
     inward = -turn * np.sign(turn.sum())
     most = np.max([np.roll(inward, k) for k in range(-ARM, ARM + 1)], axis=0)
-    peaks = np.flatnonzero((inward >= most) & (inward > 0.0))
+    peaks = np.flatnonzero((inward >= most) & (inward > 2.0 / ARM))  # rounding to pixels turns it by that
     return np.sort(peaks[np.argsort(-inward[peaks], kind="stable")][:MOST_CORNERS])
