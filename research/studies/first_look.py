@@ -2,8 +2,8 @@
 """The first look on photos: is the object found first, or among three; is its probability true; and the fit of its numbers.
 
 With `--segmenter u2netp` (see `grasptrack models`) the net's map takes part. `--parts` adds the first images of all scenes of
-the suite with these parts, but those that show a part's sides. `--fit` fits what `choice.json` says of probabilities to all
-hints but polygons, and leaves out each kind of object, or of scene, in turn for the figures beside it.
+the suite with these parts, but those that show a part's sides. `--fit` fits what `choice.json` says of probabilities to hints
+of a place, to contacts and to polygons, and leaves out each kind of object, or of scene, in turn for the figures beside it.
 """
 
 from __future__ import annotations

@@ -67,7 +67,8 @@ class Signs(NamedTuple):
 
     Attributes:
         rating: of its outline, 0 to 1.
-        lead: logarithm of its worth over that of the best that is plainly another region.
+        lead: logarithm of its worth over that of the best that is plainly another region; where contacts are given, one on
+            whose outline they lie as well.
         returned: share of its outline that comes back when it is displaced, as of `snapping.OutlineSnapper`.
         thin: share of its outline on thin parts, as of `silhouettes.thin_share`.
         neck: width of its narrowest neck, as of `silhouettes.neck_width`.
