@@ -30,6 +30,18 @@ def test_stable_is_what_a_linear_programme_says(points, where, friction):
     assert (found.reason == "") == found.stable
 
 
+@given(stars(), st.floats(0, 0.999), st.floats(0, 0.999), st.floats(0.001, 0.004))
+def test_a_refusal_asks_for_more_friction_than_there_is(points, a, b, gap):
+    """However near they come: it once read "needs friction 0.05, there is 0.05"."""
+    contour, grasp = Contour(points), Grasp([points[int(w * len(points))] for w in (a, b)])
+    without = analyze(grasp, contour, 1e-6).reason
+    if "needs friction" in without:
+        just_less = max(float(without.split("friction ")[2].split(",")[0]) - gap, 1e-6)
+        found = analyze(grasp, contour, just_less)
+        needed, there = found.reason.split("needs friction ")[1].split(", there is ")
+        assert float(needed) > float(there)
+
+
 @given(stars(), st.floats(0, 0.999), st.floats(0, 0.999), similarities(), st.integers(0, 299), st.booleans())
 def test_unchanged_by_similarity_first_point_and_direction(points, a, b, S, start, reverse):
     contour = Contour(points)

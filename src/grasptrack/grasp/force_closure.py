@@ -226,4 +226,5 @@ def _refusal_reason(fingers: int, closure: ForceClosure) -> str:
     what = (
         "the grasp line leaves a friction cone" if fingers == 2 else "the contact wrenches do not surround the origin"
     )
-    return f"{what}: closing needs friction {math.tan(needed):.2f}, there is {friction:.2f}"
+    more = (math.floor(1000.0 * math.tan(needed)) + 1) / 1000.0  # rounded it could be what there is
+    return f"{what}: closing needs friction {more:.3f}, there is {friction:.3f}"
