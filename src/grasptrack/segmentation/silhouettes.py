@@ -111,7 +111,7 @@ def neck_width(shape: Silhouette, px: int) -> float:
     """
     depth, narrowest = cv2.distanceTransform(_fill_reduced(shape, px)[1], cv2.DIST_L2, 3), 1.0
     for radius in NECK_RADII:
-        count, _, stats, _ = cv2.connectedComponentsWithStats(to_binary(depth > radius), connectivity=4)
+        count, _, stats, _ = cv2.connectedComponentsWithStats(to_binary(depth > radius), connectivity=8)
         if count > 2:
             size = math.sqrt(float(np.partition(stats[1:, cv2.CC_STAT_AREA], -2)[-2]))
             narrowest = min(narrowest, 2.0 * radius / (size + 2.0 * radius))
