@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 43_269,
-    "src/grasptrack/tracking": 8_740,
+    "src/grasptrack": 43_265,
+    "src/grasptrack/tracking": 8_735,
     "src/grasptrack/servo": 4_967,
     "src/grasptrack/io": 6_212,
     "src/grasptrack/segmentation": 4_330,
@@ -20,11 +20,11 @@ BUDGETS = {
     "src/grasptrack/live": 3_009,
     "src/grasptrack/view": 2_048,
     "src/grasptrack/trackability": 1_937,
-    "src/grasptrack/grasp": 1_796,
+    "src/grasptrack/grasp": 1_797,
     "bench": 15_201,
     "research": 11_954,
     "native": 7_356,
-    "tests": 45_171,
+    "tests": 45_184,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 214

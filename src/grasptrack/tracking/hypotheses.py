@@ -231,7 +231,7 @@ class Solutions:
             if state.lost and self._is_answered(hypothesis):
                 continue
             # where it was a moment ago does not tell how it moves
-            still = bool(state.lost) or not self._goes_on(hypothesis)
+            still = bool(state.lost) or not self.goes_on(hypothesis)
             estimate = estimate_pose(state, self._levels, hypothesis, still=still)
             if estimate is None or (self._is_taken is not None and self._is_taken(estimate)):
                 continue
@@ -269,7 +269,7 @@ class Solutions:
             self._sharpest, self.sharp_gain = score, gain
         return sharp if state.sharp + gain > 0.0 else estimate
 
-    def _goes_on(self, hypothesis: Hypothesis) -> bool:
+    def goes_on(self, hypothesis: Hypothesis) -> bool:
         """Whether the object would be about where continuity has it, so that its last pose tells how it moves."""
         if hypothesis.origin in CONTINUOUS:
             return True
