@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 43_265,
-    "src/grasptrack/tracking": 8_735,
+    "src/grasptrack": 43_267,
+    "src/grasptrack/tracking": 8_737,
     "src/grasptrack/servo": 4_967,
     "src/grasptrack/io": 6_212,
     "src/grasptrack/segmentation": 4_330,

@@ -272,7 +272,7 @@ def test_masks_and_scores_that_do_not_agree_are_told(tmp_path: Path, monkeypatch
 
 def test_without_onnxruntime_the_extra_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(InputError, match=r"grasptrack\[segment\]"):
+    with pytest.raises(InputError, match=r"\[segment\]"):
         gt.first_look(scene(), segmenter=f"sam:{folder}")
 
 

@@ -79,7 +79,7 @@ def test_heic_without_its_reader_names_the_extra(tmp_path: Path, monkeypatch: py
         pytest.skip("pillow-heif, which writes it, is not installed")
     kind.write(tmp_path / "a.heic", 0)
     monkeypatch.setitem(sys.modules, "pillow_heif", None)
-    with pytest.raises(InputError, match=r"image [^\n]* needs pillow_heif.*grasptrack\[heif\]"):
+    with pytest.raises(InputError, match=r"image [^\n]* needs pillow_heif.*\[heif\]"):
         list(open_source(tmp_path))
 
 

@@ -190,13 +190,13 @@ class Follower:
             second = self.redetection.promising(levels, predictions.second)
             solutions.add(second + self.redetection.search_image(state, levels))
             decision = solutions.decide_among()
-        elif decision.is_accepted and e is not None:
-            anywhere = state.lost and departure_probability(expected.steps, target.numbers) > risk
-            if anywhere or (not state.lost and solutions.falls_short(e)):
-                # what lies at its place may be another one while it lies elsewhere, or its texture have slid
-                search = self.redetection.search_image(state, levels)
-                solutions.add(search if anywhere else [h for h in search if solutions.goes_on(h)])
-                decision = solutions.decide_among()
+        elif decision.is_accepted and state.lost and departure_probability(expected.steps, target.numbers) > risk:
+            # what lies at its place may be another one while it lies elsewhere
+            solutions.add(self.redetection.search_image(state, levels))
+            decision = solutions.decide_among()
+        elif decision.is_accepted and e is not None and not state.lost and solutions.falls_short(e):  # it slid?
+            solutions.add_around(self.redetection.search_image(state, levels))
+            decision = solutions.decide_among()
         decision, predictions = self._among_surroundings(decision, levels, predictions, solutions)
         decision = self._against_slides(decision, solutions)
         decision = self._against_turns(decision, solutions, predictions)

@@ -224,14 +224,14 @@ class Solutions:
         """What is decided of all that is found."""
         return decide_pose(self._state, self.found, self.expected, self.marks)
 
-    def add(self, hypotheses: list[Hypothesis]) -> None:
+    def add(self, hypotheses: list[Hypothesis], *, goes_on: bool = False) -> None:
         """Make hypotheses exact; of a lost object those that do not lead to what was found already."""
         state = self._state
         for hypothesis in hypotheses:
             if state.lost and self._is_answered(hypothesis):
                 continue
             # where it was a moment ago does not tell how it moves
-            still = bool(state.lost) or not self.goes_on(hypothesis)
+            still = bool(state.lost) or not (goes_on or hypothesis.origin in CONTINUOUS)
             estimate = estimate_pose(state, self._levels, hypothesis, still=still)
             if estimate is None or (self._is_taken is not None and self._is_taken(estimate)):
                 continue
@@ -269,13 +269,15 @@ class Solutions:
             self._sharpest, self.sharp_gain = score, gain
         return sharp if state.sharp + gain > 0.0 else estimate
 
-    def goes_on(self, hypothesis: Hypothesis) -> bool:
-        """Whether the object would be about where continuity has it, so that its last pose tells how it moves."""
-        if hypothesis.origin in CONTINUOUS:
-            return True
-        target = self._state.target
-        away = max_contact_distance(target.carried_contacts(hypothesis.G), self.expected.contacts)
-        return away < SAME_PLACE * math.sqrt(sane_area(target, hypothesis.G))
+    def add_around(self, hypotheses: list[Hypothesis]) -> None:
+        """The same of those that lie about where continuity has the object, so that its last pose tells how it moves."""
+        target, expected = self._state.target, self.expected.contacts
+
+        def goes_on(hypothesis: Hypothesis) -> bool:
+            away = max_contact_distance(target.carried_contacts(hypothesis.G), expected)
+            return away < SAME_PLACE * math.sqrt(sane_area(target, hypothesis.G))
+
+        self.add([hypothesis for hypothesis in hypotheses if goes_on(hypothesis)], goes_on=True)
 
     def _is_answered(self, hypothesis: Hypothesis) -> bool:
         """Whether an answer that shows the object lies where a hypothesis would lead."""
