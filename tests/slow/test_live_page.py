@@ -244,12 +244,14 @@ def test_what_is_taken_back_is_set_again(tmp_path: Path) -> None:
 
 
 def test_a_file_shows_its_place_and_goes_by_steps_and_at_another_speed(tmp_path: Path) -> None:
-    with plate_session(tmp_path, 40, pace=True) as session, page_on(session, tmp_path) as page:
+    with plate_session(tmp_path, 150, pace=True) as session, page_on(session, tmp_path) as page:
         page.reads("#status", "Object found")
-        page.press(Keys.ENTER, ".")
+        page.press(Keys.ENTER)
+        page.wait(lambda: page.find("#step").is_enabled())  # which the key asks, too
+        page.press(".")
         page.reads("#paused", "paused")
         here = until(session, lambda s: s.paused).image
-        page.wait(lambda: page.text("#place-now") == f"{session.shown.image} of 40")
+        page.wait(lambda: page.text("#place-now") == f"{session.shown.image} of 150")
         time.sleep(0.3)
         here = session.shown.image
         page.find("#step").click()
@@ -261,8 +263,8 @@ def test_a_file_shows_its_place_and_goes_by_steps_and_at_another_speed(tmp_path:
         )
         assert until(session, lambda s: s.speed == 4.0)
         page.find("#pause").click()
-        reached(session, "ended", image=40)
-        page.wait(lambda: page.text("#place-now") == "40 of 40")
+        reached(session, "ended", image=150)
+        page.wait(lambda: page.text("#place-now") == "150 of 150")
 
 
 def test_a_tool_that_stops_the_images_says_so(tmp_path: Path) -> None:
