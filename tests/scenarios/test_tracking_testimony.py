@@ -5,8 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
+from grasptrack.tracking.emptiness import has_gone_from, place_is_empty
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.redetection import has_gone_from, place_is_empty
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.target import build_pyramid
 from grasptrack.tracking.tracker import GraspTracker
@@ -83,7 +83,7 @@ def test_what_moved_out_of_view_has_not_gone_just_anywhere() -> None:
         if result.status != "lost" or follower.state.left < 1:
             continue
         state, levels = follower.state, build_pyramid(photo([], ground=table, seed=k))
-        assert place_is_empty(state.target, state.located, levels, state.target.A)
+        assert place_is_empty(state.target, state.located, levels, state.target.A, on_ground=False)
         assert not has_gone_from(state, state.target.A, levels, None)
         return
     raise AssertionError("it never left")

@@ -33,6 +33,7 @@ from grasptrack.tracking.pose import (
     TRIED,
     TURNED,
     PoseEstimate,
+    carried_in_front,
     contact_tolerance,
     is_at,
     max_contact_distance,
@@ -395,7 +396,7 @@ def _log_posteriors(
     found = []
     for e, surface, strength in zip(estimates, surfaces, strengths, strict=True):
         # poses in one place explain the same pixels: between them all that is seen counts
-        there = max(strengths[k] for k in _indices_near(e, estimates, SAME_PLACE))
+        there = max(strengths[k] for k in _indices_overlapping(state.target, e, estimates))
         alike = _log_add_exp(0.0, there + math.log(lookalike_probability(state, e, expected)))
         # what shows its outline and not its surface is another one
         missing = max(0.0, missing_evidence(surface)) if state.accepted else 0.0
@@ -422,6 +423,16 @@ def any_of(*probabilities: float) -> float:
 def _indices_near(estimate: PoseEstimate, estimates: Sequence[PoseEstimate], share: float) -> list[int]:
     """Which estimates lie where one lies, within a share of sqrt(area)."""
     return [k for k, other in enumerate(estimates) if is_at(estimate, other.middle, share)]
+
+
+def _indices_overlapping(target: Target, estimate: PoseEstimate, estimates: Sequence[PoseEstimate]) -> list[int]:
+    """Which estimates lie where one lies, so that not both may be there, itself among them."""
+    middles = np.array([other.middle for other in estimates])
+    away = carried_in_front(np.asarray(np.linalg.inv(estimate.G), np.float64), middles) - target.work_contacts.mean(
+        axis=0
+    )
+    share = np.einsum("ni,ij,nj->n", away, target.place_metric, away)
+    return [k for k, e in enumerate(estimates) if e is estimate or share[k] < SAME_PLACE**2]
 
 
 def _log_add_exp(one: float, other: float) -> float:

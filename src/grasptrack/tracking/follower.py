@@ -22,6 +22,7 @@ from grasptrack.tracking.decision import (
     check_strategy_contacts,
     place_prior,
 )
+from grasptrack.tracking.emptiness import has_gone_from
 from grasptrack.tracking.equals import NOTICED, Way, log_density
 from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.evidence import (
@@ -50,7 +51,7 @@ from grasptrack.tracking.pose import (
     max_contact_distance,
     mean_point,
 )
-from grasptrack.tracking.redetection import Redetection, best_sighted_pose, has_gone_from
+from grasptrack.tracking.redetection import Redetection, best_sighted_pose
 from grasptrack.tracking.rivals import Rivals
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.state import TrackState
@@ -435,7 +436,9 @@ class Follower:
         """What is expected changes where its place is seen without it."""
         state = self.state
         if not state.gone:
-            state.gone = has_gone_from(state, self._expected_pose(predictions), levels, predictions.even)
+            rests = predictions.background if state.anchored else None
+            place = self._expected_pose(predictions) if rests is None else rests
+            state.gone = has_gone_from(state, place, levels, predictions.even, on_ground=rests is not None)
         if state.gone:
             solutions.expected = solutions.expected._replace(steps=ANYWHERE_STEPS)
 

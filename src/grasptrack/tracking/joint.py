@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from grasptrack.tracking.emptiness import place_is_empty
 from grasptrack.tracking.equals import NOTICED, ONE_PLACE, Way, way_density
 from grasptrack.tracking.evidence import MAX_EXPONENT
 from grasptrack.tracking.follower import Follower, Sight
 from grasptrack.tracking.pose import CONTINUOUS, carried_in_front, contact_tolerance, share_in_view, worst_variance
-from grasptrack.tracking.redetection import place_is_empty
 from grasptrack.tracking.rivals import ALIKE_SHARE
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats

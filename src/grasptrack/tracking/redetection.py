@@ -15,9 +15,7 @@ from grasptrack.matching.samples import BENDS
 from grasptrack.segmentation.candidate import Candidate, outward_normals, polarity_of
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import Silhouette
-from grasptrack.statistics import robust_sd
 from grasptrack.tracking.evidence import pose_evidence, wrong_object_probability
-from grasptrack.tracking.hypotheses import MIN_PLACES
 from grasptrack.tracking.placements import find_placements
 from grasptrack.tracking.pose import CONTINUOUS, TURNED, Hypothesis, Look, PoseEstimate, lead_alike, sane_area
 from grasptrack.tracking.state import TrackState
@@ -73,14 +71,6 @@ MAX_SOLVED = 2
 """Poses that are solved of one search: they cost more than the search, and a better one will be found in the next turns."""
 MAX_WAYS = 6
 """Poses that are solved for outlines: the ways in which one fits itself are rivals, and all have to be heard."""
-SIDE_DEPTH, MIN_SIDE_DEPTH = 0.06, 4.0
-"""Share of sqrt(area), and px, from the outline at which object and background are looked at."""
-LEVEL_SPREADS = 3.0
-"""Spreads within which a grey level is the background's."""
-LEVEL_ROUNDING = 2.0
-"""Grey levels by which the spread of the background is taken larger."""
-STILL_BACKGROUND, NOW_BACKGROUND = 0.7, 0.8
-"""Shares of the samples beside and within an empty place that show the background."""
 
 
 class _Keypoints(NamedTuple):
@@ -411,53 +401,3 @@ def best_sighted_pose(state: TrackState, estimates: list[PoseEstimate], steps: f
     ]
     best = max(found, key=lambda pair: pair[0], default=None)
     return None if best is None or best[0] <= 0.0 else best[1].G
-
-
-def has_gone_from(state: TrackState, place: Floats, levels: list[Grey], even: Floats | None) -> bool:
-    """Whether a place (3, 3) is seen without the object, and that to which it moves on: beyond the border none is.
-
-    Args:
-        state: of the object.
-        place: where it would rest.
-        levels: the image's pyramid.
-        even: (3, 3) where even motion has it, if it was in the last image; None where its motion is not known.
-    """
-    moved_on = state.moved_on() if state.lost else even
-    places = [place, *([] if moved_on is None else [moved_on])]
-    return all(place_is_empty(state.target, state.located, levels, each) for each in places)
-
-
-def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats) -> bool:
-    """Whether an image shows, where G (3, 3) has the object, the background of the last look at it, and nothing in front."""
-    depth = max(MIN_SIDE_DEPTH, SIDE_DEPTH * target.size)
-    sides = [target.points + sign * depth * target.normals for sign in (-1.0, 1.0)]
-    inside, ground = (_sample_grey_levels(look.levels[0], look.G, points) for points in sides)
-    inside_now, ground_now = (_sample_grey_levels(levels[0], G, points) for points in sides)
-    if np.isfinite(ground).sum() < MIN_PLACES or np.isfinite(inside_now + ground_now).mean() < 0.5:
-        return False
-    level = float(np.nanmedian(ground))
-    spread = robust_sd(ground - level, np.nanmedian) + target.noise + LEVEL_ROUNDING
-    change = float(np.nanmedian(ground_now)) - level
-    light = float(np.median(levels[-1])) - float(np.median(look.levels[-1]))
-    if min(abs(change), abs(change - light)) > LEVEL_SPREADS * spread:  # a cover may be as even as the ground
-        return False
-
-    def of_ground(values: Floats, level: float) -> float:
-        return float(np.mean(np.abs(values[np.isfinite(values)] - level) < LEVEL_SPREADS * spread))
-
-    now = level + change
-    if not of_ground(min(1.0, now / max(level, 1.0)) * inside, now) < 0.5:  # in this light they look the same
-        return False
-    level = now
-    return of_ground(ground_now, level) > STILL_BACKGROUND and of_ground(inside_now, level) > NOW_BACKGROUND
-
-
-def _sample_grey_levels(grey: Grey, G: Floats, points: Floats) -> Floats:
-    """(n,) grey levels of an image (H, W) at work points (n, 2) seen through G (3, 3); NaN outside."""
-    lam = points @ G[2, :2] + G[2, 2]
-    x, y = ((points @ G[:2, :2].T + G[:2, 2]) / lam[:, None]).T
-    height, width = grey.shape
-    held = (lam > 0) & (x > -0.5) & (y > -0.5) & (x < width - 0.5) & (y < height - 0.5)
-    out = np.full(len(points), np.nan)
-    out[held] = grey[np.round(y[held]).astype(int), np.round(x[held]).astype(int)]
-    return out

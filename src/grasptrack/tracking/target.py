@@ -76,6 +76,14 @@ class Recipe:
         return made
 
 
+SIDE_DEPTH, MIN_SIDE_DEPTH = 0.06, 4.0
+"""Share of sqrt(area), and work px, from the outline at which object and ground are looked at."""
+SIDES = (-1.0, 1.0, 3.0)
+"""How far outside the outline samples lie, in that."""
+SIDE_CLEAR = 0.7
+"""How far from all of the outline samples of the ground lie at least, in that."""
+
+
 @dataclass(frozen=True)
 class Target:
     """The object and the grasp in the first view.
@@ -167,6 +175,32 @@ class Target:
             A += J * weight @ J.T
             B += np.concatenate([J * (weight * u) @ J.T, J * (weight * v) @ J.T], axis=1)
         return np.asarray(np.linalg.solve(A, B), dtype=np.float64)
+
+    @cached_property
+    def sides(self) -> tuple[float, list[Floats]]:
+        """How far from the outline its sides are looked at, work px, and (N, 2) work px within it, beside it and farther away.
+
+        They are NaN where the outline returns so soon that they lie on another side.
+        """
+        depth = max(MIN_SIDE_DEPTH, SIDE_DEPTH * self.size)
+        rows, outline = [], np.round(self.outline, 2).astype(np.float32)
+        for times in SIDES:
+            row = self.points + times * depth * self.normals
+            within = np.array([cv2.pointPolygonTest(outline, (x, y), True) for x, y in row.tolist()])
+            row[within < 0.0 if times < 0.0 else within > -SIDE_CLEAR * depth] = np.nan
+            rows.append(row)
+        return depth, rows
+
+    @cached_property
+    def place_metric(self) -> Floats:
+        """(2, 2) 1/work px^2: the square of how far something like it lies from it, as a share of sqrt(area).
+
+        Along each way as far as discs of that area lie apart which overlap as much: a long object that slid along itself still
+        covers most of its own place. By the moments of the outline's area.
+        """
+        told = cv2.moments(self.outline.astype(np.float32))
+        spread = np.array([[told["mu20"], told["mu11"]], [told["mu11"], told["mu02"]]]) / told["m00"]
+        return np.asarray(np.linalg.inv(spread) / (2.0 * math.tau), dtype=np.float64)
 
     @cached_property
     def precision_of_motion(self) -> Floats:

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the place of an object is seen without it: the ground beside its outline is still there, and goes on within."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from grasptrack.statistics import robust_sd
+from grasptrack.tracking.evidence import SHARES_MISSING
+from grasptrack.tracking.hypotheses import MIN_PLACES
+from grasptrack.tracking.pose import Look
+from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.target import Grey, Target
+from grasptrack.typing import Floats
+
+FARTHER = (1, 2, 4, 8)
+"""How far apart samples along the outline are compared, as multiples of how far apart they lie across it."""
+ROUNDING = 1.0
+"""Grey levels by which every spread is larger: images are rounded, and no two are alike."""
+STRAY = 0.1
+"""Share of grey levels that follow no model."""
+ANY_LEVEL = 1.0 / 256.0
+"""Density of a grey level of which nothing is known."""
+HIDDEN_POWER, COVERED_POWER = 2.0, 12.0
+"""As the share that is left, to this power, goes the prior of what is hidden of an object, and of what is of an empty place;
+of a cover as that which is not."""
+
+
+def has_gone_from(
+    state: TrackState, place: Floats, levels: list[Grey], even: Floats | None, *, on_ground: bool = True
+) -> bool:
+    """Whether a place (3, 3) is seen without the object, and that to which it moves on: beyond the border none is.
+
+    Args:
+        state: of the object.
+        place: where it would rest.
+        levels: the image's pyramid.
+        even: (3, 3) where even motion has it, if it was in the last image; None where its motion is not known.
+        on_ground: whether the ground was followed, so that the place is that on which it was seen.
+    """
+    if not place_is_empty(state.target, state.located, levels, place, on_ground=on_ground):
+        return False
+    moved_on = state.moved_on() if state.lost else even
+    return moved_on is None or place_is_empty(state.target, state.located, levels, moved_on, on_ground=False)
+
+
+def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats, *, on_ground: bool = True) -> bool:
+    """Whether an image shows, where G (3, 3) has the object, more probably its empty place than the object or a cover."""
+    return emptiness_log_odds(target, look, levels, G, on_ground=on_ground) > 0.0
+
+
+class Sides(NamedTuple):
+    """(n,) grey levels within the object's outline, beside it on the ground, and farther away, in one image."""
+
+    inside: Floats
+    ground: Floats
+    farther: Floats
+
+
+def emptiness_log_odds(target: Target, look: Look, levels: list[Grey], G: Floats, *, on_ground: bool = True) -> float:
+    """Log-odds of an empty place against the object, partly hidden or not, and against a cover; -inf where nothing is told.
+
+    Where the place is empty, or shows the object, the ground beside it is what it was, but for light and for as much as it
+    changes over the distance of two samples at most; within it is as the ground beside it now, or as the object was. A cover
+    has its own texture beside the outline and any grey level, and goes on within; so does other ground, in about the grey level
+    that it had. What changes slowly, as light does, tells
+    nothing of texture: compared are samples that lie as far apart along the outline as they do across it.
+
+    Args:
+        target: the object.
+        look: the last one at it.
+        levels: the image's pyramid.
+        G: (3, 3) where it would be.
+        on_ground: whether it lay on that very ground.
+    """
+    depth, rows = target.sides
+    before = Sides(*(_sample_grey_levels(look.levels[0], look.G, row) for row in rows))
+    now = Sides(*(_sample_grey_levels(levels[0], G, row) for row in rows))
+    shown = np.isfinite(now.inside + now.ground)
+    seen = shown & np.isfinite(before.inside + before.ground)
+    if seen.sum() < MIN_PLACES or shown.sum() < 0.5 * np.isfinite(rows[0] + rows[1]).all(axis=1).sum():
+        return -math.inf
+    before, now = (Sides(*(values[seen] for values in image)) for image in (before, now))
+    noise, middle = target.noise + ROUNDING, float(np.median(before.ground))
+    texture = robust_sd(before.ground - middle) + noise
+    light = float(np.median(levels[-1]) - np.median(look.levels[-1]))
+    change = float(np.median(now.ground - before.ground))
+    off = now.ground - before.ground - change
+    carried = robust_sd(off) + noise
+    most = math.sqrt(2.0) * _change_across(before, texture, noise)
+    step = max(1, round(2.0 * depth / target.spacing))
+
+    as_ground, as_cover = np.ones(len(off)), np.ones(len(off))
+    for times in FARTHER:  # the farther apart, the fewer of them are independent
+        lag = min(times * step, len(off) // 2)
+        changed, varies = (values - np.roll(values, lag) for values in (off, now.ground))
+        as_cover *= _density(varies, robust_sd(varies) + noise) ** (1.0 / times)
+        as_ground *= _density(changed, min(robust_sd(changed) + noise, most)) ** (1.0 / times)
+    if not on_ground:
+        as_ground = as_cover
+    goes_on = _density(now.inside - now.ground, _change_across(now, texture, noise))
+    darker = min(1.0, float(np.median(now.ground)) / max(middle, 1.0))
+    lit = [_density(now.inside - each, carried) for each in (before.inside + change, darker * before.inside)]
+    as_object = max(lit, key=lambda density: float(np.log(density).sum()))
+    covered, left = as_cover * goes_on, np.log1p(-SHARES_MISSING)
+    shares = SHARES_MISSING[:, None]
+
+    def log_mixture(own: Floats, log_prior: Floats) -> float:
+        told = target.numbers.temper * np.log((1.0 - shares) * own + shares * covered).sum(axis=1)
+        return float(np.logaddexp.reduce(told + log_prior) - np.logaddexp.reduce(log_prior))
+
+    empty = log_mixture(as_ground * goes_on, COVERED_POWER * left)
+    present = log_mixture(as_ground * as_object, HIDDEN_POWER * left)
+    same_level = max(_normal_density(np.array([change, change - light]), texture))
+    cover = log_mixture(as_ground * goes_on, HIDDEN_POWER * left[::-1]) + math.log(ANY_LEVEL / same_level)
+    return empty - float(np.logaddexp(present, cover))
+
+
+def _change_across(image: Sides, texture: float, noise: float) -> float:
+    """Spread of how much the ground changes between samples away from the object: its `texture`, if too few are seen."""
+    across = (image.ground - image.farther)[np.isfinite(image.farther)]
+    return robust_sd(across - np.median(across)) + noise if len(across) > MIN_PLACES else texture + noise
+
+
+def _normal_density(deviation: Floats, spread: float) -> Floats:
+    return np.asarray(np.exp(-0.5 * (deviation / spread) ** 2) / (spread * math.sqrt(2.0 * math.pi)))
+
+
+def _density(deviation: Floats, spread: float) -> Floats:
+    """(n,) of deviations (n,) that are normal, but for a share of them."""
+    return np.asarray((1.0 - STRAY) * _normal_density(deviation, spread) + STRAY * ANY_LEVEL)
+
+
+def _sample_grey_levels(grey: Grey, G: Floats, points: Floats) -> Floats:
+    """(n,) grey levels of an image (H, W) at work points (n, 2) seen through G (3, 3); NaN outside."""
+    lam = points @ G[2, :2] + G[2, 2]
+    x, y = ((points @ G[:2, :2].T + G[:2, 2]) / lam[:, None]).T
+    height, width = grey.shape
+    held = (lam > 0) & (x > -0.5) & (y > -0.5) & (x < width - 0.5) & (y < height - 0.5)
+    out = np.full(len(points), np.nan)
+    out[held] = grey[np.round(y[held]).astype(int), np.round(x[held]).astype(int)]
+    return out
