@@ -160,6 +160,7 @@ class Expected(NamedTuple):
         coasting: (k, 2) px where it had the contacts if it moved on evenly after it was lost; None where that is not known.
         strayed: how far it may have left that, in what an unseen object goes in a frame.
         turned: log of the prior of what may have turned so, instead of place, turn and size.
+        on_ground: whether the ground has them there, and that place was not seen without it.
     """
 
     contacts: Floats
@@ -170,6 +171,7 @@ class Expected(NamedTuple):
     coasting: Floats | None = None
     strayed: float = 0.0
     turned: Callable[[PoseEstimate], float] | None = None
+    on_ground: bool = False
 
 
 class ExpectedSize(NamedTuple):
@@ -239,7 +241,10 @@ def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) ->
 
 
 def lookalike_probability(state: TrackState, estimate: PoseEstimate, expected: Expected) -> float:
-    """Probability that something just like the object lies where an estimate has it, and not the object."""
+    """Probability that something just like the object lies where an estimate has it, and not the object.
+
+    What took the place of an object that rested on the ground seldom lies there as exactly.
+    """
     unseen = state.numbers.lookalike
     if not (state.lookalike or state.beside or state.is_outside):
         return unseen
@@ -247,6 +252,9 @@ def lookalike_probability(state: TrackState, estimate: PoseEstimate, expected: E
     if is_at(estimate, mean_point(expected.contacts)) and not which_is_open:
         return unseen
     left = departure_probability(expected.steps, state.numbers) if state.lookalike else 1.0
+    if expected.on_ground:
+        way = squared_way(estimate, expected.contacts, state.numbers) + state.wander**2
+        left *= min(1.0, way * (state.numbers.travel / SAME_PLACE) ** 2)
     return max(unseen, SEEN_LIKE * left)
 
 

@@ -417,7 +417,8 @@ class Follower:
         size = ExpectedSize.of(target, G, state.slope, spread)
         presence = min(max(state.presence * (1.0 - numbers.hazard), numbers.redetected), 1.0 - numbers.hazard)
         steps, taken = ANYWHERE_STEPS if state.gone else unseen, state.lost + passed if state.lost else 0.0
-        expected = Expected(target.carried_contacts(G), presence, steps, size, taken)
+        on_ground = G is predictions.background and not state.gone
+        expected = Expected(target.carried_contacts(G), presence, steps, size, taken, on_ground=on_ground)
         coasted = state.coasted() if state.lost else None
         if coasted is None:
             return expected
@@ -440,7 +441,7 @@ class Follower:
             place = self._expected_pose(predictions) if rests is None else rests
             state.gone = has_gone_from(state, place, levels, predictions.even, on_ground=rests is not None)
         if state.gone:
-            solutions.expected = solutions.expected._replace(steps=ANYWHERE_STEPS)
+            solutions.expected = solutions.expected._replace(steps=ANYWHERE_STEPS, on_ground=False)
 
     def _learn_from_image(self, levels: list[Grey], decision: Decision, predictions: Predictions) -> None:
         state, e = self.state, decision.estimate
