@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 43_407,
-    "src/grasptrack/tracking": 8_877,
+    "src/grasptrack": 43_409,
+    "src/grasptrack/tracking": 8_879,
     "src/grasptrack/servo": 4_967,
     "src/grasptrack/io": 6_212,
     "src/grasptrack/segmentation": 4_330,

@@ -33,7 +33,6 @@ from grasptrack.tracking.pose import (
     TRIED,
     TURNED,
     PoseEstimate,
-    carried_in_front,
     contact_tolerance,
     is_at,
     max_contact_distance,
@@ -42,7 +41,7 @@ from grasptrack.tracking.pose import (
 )
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Target
-from grasptrack.typing import Floats
+from grasptrack.typing import Bools, Floats
 
 CODES = (
     "not-found",
@@ -402,9 +401,9 @@ def _log_posteriors(
 ) -> list[float]:
     """Prior and evidence of each estimate, up to one constant."""
     found = []
-    for e, surface, strength in zip(estimates, surfaces, strengths, strict=True):
-        # poses in one place explain the same pixels: between them all that is seen counts
-        there = max(strengths[k] for k in _indices_overlapping(state.target, e, estimates))
+    # poses in one place explain the same pixels: between them all that is seen counts
+    most = np.where(_overlapping(state.target, estimates), np.array(strengths), -np.inf).max(axis=1).tolist()
+    for e, surface, strength, there in zip(estimates, surfaces, strengths, most, strict=True):
         alike = _log_add_exp(0.0, there + math.log(lookalike_probability(state, e, expected)))
         # what shows its outline and not its surface is another one
         missing = max(0.0, missing_evidence(surface)) if state.accepted else 0.0
@@ -433,14 +432,17 @@ def _indices_near(estimate: PoseEstimate, estimates: Sequence[PoseEstimate], sha
     return [k for k, other in enumerate(estimates) if is_at(estimate, other.middle, share)]
 
 
-def _indices_overlapping(target: Target, estimate: PoseEstimate, estimates: Sequence[PoseEstimate]) -> list[int]:
-    """Which estimates lie where one lies, so that not both may be there, itself among them."""
-    middles = np.array([other.middle for other in estimates])
-    away = carried_in_front(np.asarray(np.linalg.inv(estimate.G), np.float64), middles) - target.work_contacts.mean(
-        axis=0
-    )
-    share = np.einsum("ni,ij,nj->n", away, target.place_metric, away)
-    return [k for k, e in enumerate(estimates) if e is estimate or share[k] < SAME_PLACE**2]
+def _overlapping(target: Target, estimates: Sequence[PoseEstimate]) -> Bools:
+    """(n, n) which estimates, in a row, lie where one lies, so that not both may be there, itself among them."""
+    if len(estimates) == 1:
+        return np.ones((1, 1), dtype=bool)
+    to_work = np.linalg.inv(np.array([e.G for e in estimates]))
+    middles = np.array([(*e.middle, 1.0) for e in estimates])
+    x, y, w = np.moveaxis(middles @ to_work.transpose(0, 2, 1), 2, 0)
+    w = np.where(w > 0.0, w, np.nan)
+    away = np.stack([x / w, y / w], axis=2) - target.work_contacts.mean(axis=0)
+    share = np.einsum("nki,ij,nkj->nk", away, target.place_metric, away)
+    return np.asarray((share < SAME_PLACE**2) | np.eye(len(estimates), dtype=bool))
 
 
 def _log_add_exp(one: float, other: float) -> float:
