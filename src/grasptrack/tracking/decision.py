@@ -402,7 +402,7 @@ def _log_posteriors(
     """Prior and evidence of each estimate, up to one constant."""
     found = []
     # poses in one place explain the same pixels: between them all that is seen counts
-    most = np.where(_overlapping(state.target, estimates), np.array(strengths), -np.inf).max(axis=1).tolist()
+    most = np.where(_overlapping_places(state.target, estimates), np.array(strengths), -np.inf).max(axis=1).tolist()
     for e, surface, strength, there in zip(estimates, surfaces, strengths, most, strict=True):
         alike = _log_add_exp(0.0, there + math.log(lookalike_probability(state, e, expected)))
         # what shows its outline and not its surface is another one
@@ -432,7 +432,7 @@ def _indices_near(estimate: PoseEstimate, estimates: Sequence[PoseEstimate], sha
     return [k for k, other in enumerate(estimates) if is_at(estimate, other.middle, share)]
 
 
-def _overlapping(target: Target, estimates: Sequence[PoseEstimate]) -> Bools:
+def _overlapping_places(target: Target, estimates: Sequence[PoseEstimate]) -> Bools:
     """(n, n) which estimates, in a row, lie where one lies, so that not both may be there, itself among them."""
     if len(estimates) == 1:
         return np.ones((1, 1), dtype=bool)
