@@ -45,13 +45,16 @@ nb::object align_projective_(const RowArray &starts, const PointArray &points, c
     const NearestAlike nearest(outline_of(targets, offsets), vectors(target_normals));
     ProjectiveAlignment alignment(points_of(points), vectors(normals), nearest, least_noise);
     Output<> out(starts.shape(0), 10);
-    for (std::size_t k = 0; k < starts.shape(0); ++k) {
-        double *row = out.values() + 10 * k;
-        for (int i = 0; i < 9; ++i) row[i] = starts.data()[9 * k + i] / starts.data()[9 * k + 8];
-        bool good = true;
-        for (std::size_t s = 0; good && s < count; ++s) good = alignment.step(row, steps[s]);
-        row[9] = good ? alignment.left(row, steps.back()) : std::numeric_limits<double>::quiet_NaN();
-        if (!(row[9] >= 0)) std::fill(row, row + 10, std::numeric_limits<double>::quiet_NaN());
+    {
+        nb::gil_scoped_release free;
+        for (std::size_t k = 0; k < starts.shape(0); ++k) {
+            double *row = out.values() + 10 * k;
+            for (int i = 0; i < 9; ++i) row[i] = starts.data()[9 * k + i] / starts.data()[9 * k + 8];
+            bool good = true;
+            for (std::size_t s = 0; good && s < count; ++s) good = alignment.step(row, steps[s]);
+            row[9] = good ? alignment.left(row, steps.back()) : std::numeric_limits<double>::quiet_NaN();
+            if (!(row[9] >= 0)) std::fill(row, row + 10, std::numeric_limits<double>::quiet_NaN());
+        }
     }
     return out.array();
 }

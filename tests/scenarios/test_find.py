@@ -3,6 +3,7 @@
 
 import csv
 import json
+import pickle
 from functools import cache
 from pathlib import Path
 
@@ -96,6 +97,37 @@ def test_one_part_is_found_where_transfer_has_it() -> None:
     pair = transfer_between_images(own.grasps[0], own.view, own.image, image, 0.5)
     assert pair.outcomes[0].reason == ""
     np.testing.assert_allclose(one.contacts, pair.outcomes[0].contacts, atol=0.02)
+
+
+def test_what_a_part_keeps_of_a_search_changes_no_answer() -> None:
+    own, image = part.__wrapped__(), tray(*THREE, (MIRRORED, 1.0, (320.0, 120.0)))
+    answers = [gt.find(image, own, risk=risk) for risk in (1e-3, 1e-3, 0.2, 1e-3)]
+    fresh = [gt.find(image, part.__wrapped__(), risk=risk) for risk in (1e-3, 0.2)]
+    assert answers == [fresh[0], fresh[0], fresh[1], fresh[0]] and len(fresh[0]) == 4
+    again = pickle.loads(pickle.dumps(own))
+    assert again == own and gt.find(image, again) == fresh[0]
+
+
+def enlarged(image: np.ndarray, times: int) -> np.ndarray:
+    """(H, W) an image in which each pixel is a block of smooth ones."""
+    return cv2.resize(image, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
+
+
+def test_a_large_image_tells_what_the_same_image_tells_that_is_small() -> None:
+    """Regions are looked for in an image that is reduced, by a part's size: what is hidden, and where things lie, stays."""
+    times, small = 3, part()
+    views = [[gt.Contour((c.points + 0.5) * times - 0.5, hole=c.hole) for c in small.view.contours]]
+    grasps = [gt.Grasp((g.contacts + 0.5) * times - 0.5) for g in small.grasps]
+    large = gt.Part.of(enlarged(small.image, times), gt.View(views[0]), grasps, name="ell")
+    image, hidden = tray(*THREE), np.zeros((times * SIZE[0], times * SIZE[1]), np.uint8)
+    hidden[: times * 240, times * 380 :] = 255  # the last of the three
+    found = gt.find(enlarged(image, times), large, ignore=hidden)
+    assert [one.found for one in found] == [True] * 2
+    for one in found:
+        contacts = (one.contacts + 0.5) / times - 0.5
+        assert min(np.hypot(*(contacts - truth(angle, at)).T).max() for _, angle, at in THREE[:2]) < 1.0
+    with pytest.raises(InputError, match="mask"):
+        gt.find(image, small, ignore=hidden)
 
 
 def test_on_bare_ground_and_among_others_nothing_is_found() -> None:

@@ -9,10 +9,12 @@ a place; where two explain one, the image must have so much more evidence for on
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import cv2
@@ -26,26 +28,26 @@ from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, normalize_homography, rotation_at
 from grasptrack.grasp.force_closure import GraspAnalysis, analyze
-from grasptrack.images import PLAIN, Channel, Grey, to_bgr
+from grasptrack.images import Channel, Grey, to_bgr
 from grasptrack.matching import Sampled, judge_hypotheses, lay_several, match_several, may_match
 from grasptrack.matching.samples import TWIN
 from grasptrack.matching.symmetry import TOLERANCE as OWN_TWIN
 from grasptrack.presentation import to_dict
 from grasptrack.segmentation.candidate import is_same_region
-from grasptrack.segmentation.candidate_search import CandidateSearch, RoughOutline
 from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, decide_pose
 from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.evidence import contact_testimony, pose_evidence, texture_evidence
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
-from grasptrack.tracking.parts import KnownPart, as_parts
+from grasptrack.tracking.parts import KnownPart, as_parts, prepare_once
+from grasptrack.tracking.places import ImagePyramids, PlaceSearch, Spot
 from grasptrack.tracking.pose import Hypothesis, PoseEstimate, contact_tolerance, lead_alike, max_contact_distance
 from grasptrack.tracking.redetection import MAX_UNLIKE
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import UNKNOWN_PRESENCE, pose_hypothesis, single_estimate
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import build_pyramid
-from grasptrack.typing import Floats, Pixels
+from grasptrack.typing import Floats
 
 LEAST_OVERLAP = 0.5
 """Share of the lesser of two outlines within the other, from which on they lie in one place."""
@@ -55,6 +57,8 @@ OVERLAP_SIDE = 64
 """px, the longer side of the image on which two outlines are laid over each other."""
 SMALLEST, LARGEST = 0.4, 2.5
 """Smallest and largest scale at which a part is looked for."""
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+"""Hypotheses that are made exact at a time."""
 TURNED_OVER, WHICH_PART = "turned-over", "which-part"
 
 
@@ -145,25 +149,26 @@ def find(
     said = FirstImage.of(ignore=ignore).within(colours.shape)
     numbers = NUMBERS.with_risk(risk)
     scene = ImagePyramids(colours)
-    kinds = [kind for part in as_parts(parts) for kind in _sides_of(part, numbers.risk)]
+    kinds = [k for p in as_parts(parts) for k in prepare_once(p, numbers.risk, partial(_sides_of, p, numbers.risk))]
     settled: list[_Claim] = []
     doubted: list[_Claim] = []
     beside: list[View] = []
     tried: dict[_Ways, list[View]] = {_ways_onto_whole: [], _ways_onto_part: []}
-    search = CandidateSearch(colours, said, None, ranked=False)
-    while True:
-        places = _places_of(search)
-        beside = [p.rough.view for p in places]
-        for ways, before in tried.items():
-            fresh = [p for p in places if not any(is_same_region(p.rough.view, view) for view in before)]
-            before += [p.rough.view for p in fresh]
-            new, refused = _settle_claims(_claims_of(kinds, scene, fresh, ways), settled, numbers.risk)
-            settled, doubted = settled + new, doubted + refused
-            if new:
+    search = PlaceSearch(colours, said, SMALLEST * min(kind.outline.size for kind in kinds))
+    with ThreadPoolExecutor(CORES) as pool:
+        while True:
+            places = search.find_spots()
+            beside = [p.image_view for p in places]
+            for ways, before in tried.items():
+                fresh = [p for p in places if not any(is_same_region(p.rough.view, view) for view in before)]
+                before += [p.rough.view for p in fresh]
+                new, refused = _settle_claims(_claims_of(kinds, scene, fresh, ways, pool), settled, numbers.risk)
+                settled, doubted = settled + new, doubted + refused
+                if new:
+                    break
+            else:
                 break
-        else:
-            break
-        search.leave_out(np.maximum.reduce([_material_mask(View(claim.view.outer), colours.shape) for claim in new]))
+            search.leave_out([claim.view for claim in new])
     _, doubted = _settle_claims(doubted, settled, numbers.risk)
     outlines = [claim.view for claim in settled]
     outlines += [v for v in beside if not any(_overlap_share(v, o) > LEAST_OVERLAP for o in outlines)]
@@ -174,24 +179,6 @@ def find(
 
 
 # --- what is looked for ----------------------------------------------------------------------------
-
-
-class ImagePyramids:
-    """An image, its pyramid made once for each mixture of colours.
-
-    Args:
-        colours: (H, W) or BGR (H, W, 3).
-    """
-
-    def __init__(self, colours: Pixels) -> None:
-        self.colours = colours
-        self._levels: dict[Channel, list[Grey]] = {}
-
-    def levels_in(self, channel: Channel) -> list[Grey]:
-        """The pyramid in a mixture of colours."""
-        if channel not in self._levels:
-            self._levels[channel] = build_pyramid(channel.to_grey(self.colours))
-        return self._levels[channel]
 
 
 class _Kind:
@@ -274,89 +261,61 @@ class _Claim:
         )
 
 
-def _claims_of(kinds: list[_Kind], scene: ImagePyramids, places: list[_Spot], ways: _Ways) -> list[_Claim]:
+def _claims_of(
+    kinds: list[_Kind], scene: ImagePyramids, places: list[Spot], ways: _Ways, pool: ThreadPoolExecutor
+) -> list[_Claim]:
     """What the kinds may explain of an image: each place once by each, by the estimates that lie there."""
-    claims: list[_Claim] = []
+    asked: list[tuple[_Kind, Channel, list[Hypothesis]]] = []
     tried: dict[tuple[_Kind, Channel], list[Hypothesis]] = {}
-    for place in places:
-        for kind, homographies in zip(kinds, ways(kinds, place), strict=True):
-            if not homographies:
-                continue
-            levels, state = scene.levels_in(place.best_channel), kind.state_in(place.best_channel)
-            before = tried.setdefault((kind, place.best_channel), [])
-            fresh = [pose_hypothesis(state.target, "match", H) for H in homographies]
-            fresh = [h for h in fresh if not any(lead_alike(state.target, h, other) for other in before)]
-            before += fresh
-            estimates = [
-                e
-                for hypothesis in fresh
-                if (e := single_estimate(state, levels, hypothesis)) is not None
-                and SMALLEST**2 <= e.area / state.target.area <= LARGEST**2
-            ]
-            claims += [_decided_claim(kind, place.best_channel, alike) for alike in _by_place(state, estimates)]
+    for place, laid in zip(places, pool.map(partial(ways, kinds), places), strict=True):
+        for kind, homographies in zip(kinds, laid, strict=True):
+            if homographies:
+                target = kind.state_in(place.best_channel).target
+                before = tried.setdefault((kind, place.best_channel), [])
+                fresh = [pose_hypothesis(target, "match", H) for H in homographies]
+                fresh = [h for h in fresh if not any(lead_alike(target, h, other) for other in before)]
+                before += fresh
+                asked.append((kind, place.best_channel, fresh))
+
+    def solve_all(kind: _Kind, channel: Channel, hypotheses: list[Hypothesis]) -> list[Future[PoseEstimate | None]]:
+        state, levels = kind.state_in(channel), scene.levels_in(channel)
+        return [pool.submit(single_estimate, state, levels, each) for each in hypotheses]
+
+    claims: list[_Claim] = []
+    for (kind, channel, _), solved in zip(asked, [solve_all(*each) for each in asked], strict=True):
+        state = kind.state_in(channel)
+        found = [e for each in solved if (e := each.result()) is not None]
+        found = [e for e in found if SMALLEST**2 <= e.area / state.target.area <= LARGEST**2]
+        claims += [_decided_claim(kind, channel, alike) for alike in _by_place(state, found)]
     return claims
 
 
-class _Spot:
-    """A region of the image that something may explain, whole or in part."""
-
-    def __init__(self, rough: RoughOutline) -> None:
-        self.rough, self.outline = rough, Sampled(rough.view)
-
-    @cached_property
-    def whole_outline(self) -> Sampled | None:
-        """Its contour; None where it has none."""
-        found = self.rough.localized_candidate
-        with suppress(ValueError):  # a hair, or a tangle
-            return None if found is None else Sampled(found.view)
-        return None
-
-    @property
-    def best_channel(self) -> Channel:
-        """The mixture of colours that shows it best."""
-        found = self.rough.localized_candidate
-        return PLAIN if found is None else found.channel
-
-
-def _places_of(search: CandidateSearch) -> list[_Spot]:
-    """Those of an image that enclose something."""
-    places: list[_Spot] = []
-    for rough in search.rough_outlines():
-        with suppress(ValueError):  # a hair, or a tangle
-            places.append(_Spot(rough))
-    return places
-
-
-_Ways = Callable[[list[_Kind], _Spot], list[list[Floats]]]
+_Ways = Callable[[list[_Kind], Spot], list[list[Floats]]]
 """Homographies (3, 3) that may lay the outline of each kind on one of the image."""
 
 
-def _ways_onto_whole(kinds: list[_Kind], place: _Spot) -> list[list[Floats]]:
+def _ways_onto_whole(kinds: list[_Kind], place: Spot) -> list[list[Floats]]:
     """Homographies that lay an outline on the whole of one of the image; none where it looks like another one from anywhere."""
     limit = 1.0 if place.rough.view.is_clipped else MAX_UNLIKE
     outlines = _outlines_within(kinds, place, SMALLEST**2, LARGEST**2)
     if not may_match(list(outlines.values()), place.outline, limit) or place.whole_outline is None:
         return [[] for _ in kinds]
     found = [judge_hypotheses(m) for m in match_several(list(outlines.values()), place.whole_outline, limit)]
-    told = dict(zip(outlines, found, strict=True))
-    return [
-        [m.homography for m in (t.best, *t.others)] if (t := told.get(k)) is not None and t.best is not None else []
-        for k in range(len(kinds))
-    ]
+    told = dict(zip(outlines, ([m for m in (t.best, *t.others) if m is not None] for t in found), strict=True))
+    return [[place.to_image @ m.homography for m in told.get(k, [])] for k in range(len(kinds))]
 
 
-def _ways_onto_part(kinds: list[_Kind], place: _Spot) -> list[list[Floats]]:
+def _ways_onto_part(kinds: list[_Kind], place: Spot) -> list[list[Floats]]:
     """Homographies that lay most of an outline on a part of one of the image, which is large enough for that and not larger
     than some parts that touch."""
     outlines = _outlines_within(kinds, place, LEAST_SHARE * SMALLEST**2, MOST_TOUCHING * LARGEST**2)
     laid = dict(zip(outlines, lay_several(list(outlines.values()), place.outline, MAX_UNLIKE), strict=True))
-    return [laid.get(k, []) for k in range(len(kinds))]
+    return [[place.to_image @ H for H in laid.get(k, [])] for k in range(len(kinds))]
 
 
-def _outlines_within(kinds: list[_Kind], place: _Spot, least: float, most: float) -> dict[int, Sampled]:
+def _outlines_within(kinds: list[_Kind], place: Spot, least: float, most: float) -> dict[int, Sampled]:
     """By their index the outlines of those kinds of whose area a place has a share between two bounds."""
-    area = place.rough.view.outer.area
-    return {k: kind.outline for k, kind in enumerate(kinds) if least <= area / kind.outline.size**2 <= most}
+    return {k: kind.outline for k, kind in enumerate(kinds) if least <= place.image_area / kind.outline.size**2 <= most}
 
 
 def _by_place(state: TrackState, estimates: list[PoseEstimate]) -> list[list[PoseEstimate]]:
@@ -428,12 +387,11 @@ def _overlap_share(one: View, other: View) -> float:
 
 def overlap_areas(one: View, other: View) -> tuple[int, int, int]:
     """Of the material that two outlines have in common, and of the one's and the other's, in cells of a grid over both."""
-    low = np.minimum(one.outer.points.min(axis=0), other.outer.points.min(axis=0))
-    high = np.maximum(one.outer.points.max(axis=0), other.outer.points.max(axis=0))
-    if bool((one.outer.points.max(axis=0) < other.outer.points.min(axis=0)).any()) or bool(
-        (other.outer.points.max(axis=0) < one.outer.points.min(axis=0)).any()
-    ):
+    (left, top), (right, bottom) = one.outer.bounds
+    (x, y), (u, v) = other.outer.bounds
+    if max(left, x) > min(right, u) or max(top, y) > min(bottom, v):
         return 0, 0, 0
+    low, high = np.array([min(left, x), min(top, y)]), np.array([max(right, u), max(bottom, v)])
     scale = OVERLAP_SIDE / max(1.0, float((high - low).max()))
     masks = [_material_mask(view, (OVERLAP_SIDE + 1, OVERLAP_SIDE + 1), scale, low) for view in (one, other)]
     return (
@@ -456,8 +414,17 @@ def _finger_room(part: KnownPart, H: Floats, beside: list[View]) -> float:
     """px of the part's image behind the pads up to the nearest outline of an image, the least of all fingers."""
     back, (width, depth) = np.linalg.inv(H), part.finger
     contacts, ways = part.grasps[0].contacts, part.directions[0]
+    across = np.column_stack([-ways[:, 1], ways[:, 0]])
+    corners = [contacts - far * ways + aside * across for far in (0.0, depth) for aside in (-width, width)]
+    low, high = np.full(2, -math.inf), np.full(2, math.inf)
+    with suppress(ConditioningError):
+        ends = apply_homography(H, np.concatenate(corners))
+        low, high = ends.min(axis=0), ends.max(axis=0)
     least = math.inf
     for view in beside:
+        first, last = view.outer.bounds
+        if (first > high).any() or (last < low).any():
+            continue
         try:
             outer = View(view.outer).transformed(back)
         except (ConditioningError, ContourError):

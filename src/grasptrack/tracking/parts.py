@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -29,6 +30,7 @@ LONGEST_NAME = 60
 MOST_GRASPS = 10
 """Grasps that a part has at most."""
 Taught = TypeVar("Taught", bound="KnownPart")
+Made = TypeVar("Made")
 LEAST_REACH = 1e-9
 """px between a contact and the middle of a grasp, from which on that says where a finger comes from."""
 
@@ -132,6 +134,13 @@ class KnownPart:
             if float(grasp.on(self.view)[:, 2].max()) > limit:
                 raise InputError(f"a contact lies more than {limit:.1f} px from the part's outline")
 
+    @cached_property
+    def _prepared(self) -> dict[object, Any]:
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_prepared"}
+
     @property
     def size_mm(self) -> tuple[float, float]:
         """Width and height of the outline as it lies in the image, mm; NaN where the scale is not known."""
@@ -160,6 +169,19 @@ class KnownPart:
     def flip(self) -> Floats:
         """(3, 3) from the image to the same flipped from left to right."""
         return np.array([[-1.0, 0.0, self.image.shape[1] - 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def prepare_once(part: KnownPart, asked: object, make: Callable[[], Made]) -> Made:
+    """What a function makes of a part, as it is asked for: the part keeps it, so that the next image need not pay for it.
+
+    It keeps only what was asked for last, and leaves it out when it is pickled.
+    """
+    known = part._prepared
+    if asked not in known:
+        known.clear()
+        known[asked] = make()
+    made: Made = known[asked]
+    return made
 
 
 def _shifted_contour(contour: Contour, shift: Floats) -> Contour:
