@@ -33,7 +33,7 @@ struct Level {
         return top + fy * (bottom - top);
     }
     // The same of n points; in loops that the compiler can take several at a time.
-    void at(const double *x, const double *y, int n, double *out) const {
+    GRASPTRACK_WIDE void at(const double *x, const double *y, int n, double *out) const {
         constexpr int most = 64;
         std::int32_t where[most], corner[most], right[most], below[most], across[most];
         double fx[most], fy[most];
