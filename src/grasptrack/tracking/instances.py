@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import chain
 from typing import Any
 
 import cv2
@@ -149,13 +150,17 @@ def find(
     said = FirstImage.of(ignore=ignore).within(colours.shape)
     numbers = NUMBERS.with_risk(risk)
     scene = ImagePyramids(colours)
-    kinds = [k for p in as_parts(parts) for k in prepare_once(p, numbers.risk, partial(_sides_of, p, numbers.risk))]
     settled: list[_Claim] = []
     doubted: list[_Claim] = []
     beside: list[View] = []
     tried: dict[_Ways, list[View]] = {_ways_onto_whole: [], _ways_onto_part: []}
-    search = PlaceSearch(colours, said, SMALLEST * min(kind.outline.size for kind in kinds))
+
+    def sides_of(part: KnownPart) -> list[_Kind]:
+        return prepare_once(part, numbers.risk, partial(_sides_of, part, numbers.risk))
+
     with ThreadPoolExecutor(CORES) as pool:
+        kinds = list(chain.from_iterable(pool.map(sides_of, as_parts(parts))))
+        search = PlaceSearch(colours, said, SMALLEST * min(kind.outline.size for kind in kinds))
         while True:
             places = search.find_spots()
             beside = [p.image_view for p in places]
@@ -265,29 +270,34 @@ def _claims_of(
     kinds: list[_Kind], scene: ImagePyramids, places: list[Spot], ways: _Ways, pool: ThreadPoolExecutor
 ) -> list[_Claim]:
     """What the kinds may explain of an image: each place once by each, by the estimates that lie there."""
-    asked: list[tuple[_Kind, Channel, list[Hypothesis]]] = []
-    tried: dict[tuple[_Kind, Channel], list[Hypothesis]] = {}
-    for place, laid in zip(places, pool.map(partial(ways, kinds), places), strict=True):
-        for kind, homographies in zip(kinds, laid, strict=True):
+    laid: dict[tuple[_Kind, Channel], list[Floats]] = {}
+    for place, found in zip(places, pool.map(partial(ways, kinds), places), strict=True):
+        for kind, homographies in zip(kinds, found, strict=True):
             if homographies:
-                target = kind.state_in(place.best_channel).target
-                before = tried.setdefault((kind, place.best_channel), [])
-                fresh = [pose_hypothesis(target, "match", H) for H in homographies]
-                fresh = [h for h in fresh if not any(lead_alike(target, h, other) for other in before)]
-                before += fresh
-                asked.append((kind, place.best_channel, fresh))
+                laid.setdefault((kind, place.best_channel), []).extend(homographies)
+                scene.levels_in(place.best_channel)
 
-    def solve_all(kind: _Kind, channel: Channel, hypotheses: list[Hypothesis]) -> list[Future[PoseEstimate | None]]:
-        state, levels = kind.state_in(channel), scene.levels_in(channel)
-        return [pool.submit(single_estimate, state, levels, each) for each in hypotheses]
+    def hypotheses_of(asked: tuple[_Kind, Channel]) -> list[Hypothesis]:
+        target, distinct = asked[0].state_in(asked[1]).target, list[Hypothesis]()
+        for H in laid[asked]:
+            hypothesis = pose_hypothesis(target, "match", H)
+            if not any(lead_alike(target, hypothesis, other) for other in distinct):
+                distinct.append(hypothesis)
+        return distinct
 
-    claims: list[_Claim] = []
-    for (kind, channel, _), solved in zip(asked, [solve_all(*each) for each in asked], strict=True):
-        state = kind.state_in(channel)
-        found = [e for each in solved if (e := each.result()) is not None]
-        found = [e for e in found if SMALLEST**2 <= e.area / state.target.area <= LARGEST**2]
-        claims += [_decided_claim(kind, channel, alike) for alike in _by_place(state, found)]
-    return claims
+    def solve_one(kind: _Kind, channel: Channel, hypothesis: Hypothesis) -> PoseEstimate | None:
+        return single_estimate(kind.state_in(channel), scene.levels_in(channel), hypothesis)
+
+    begun = [(*asked, each) for asked, found in zip(laid, pool.map(hypotheses_of, laid), strict=True) for each in found]
+    estimates: dict[tuple[_Kind, Channel], list[PoseEstimate]] = {asked: [] for asked in laid}
+    for (kind, channel, _), e in zip(begun, pool.map(lambda each: solve_one(*each), begun), strict=True):
+        if e is not None and SMALLEST**2 <= e.area / kind.state_in(channel).target.area <= LARGEST**2:
+            estimates[kind, channel].append(e)
+    return [
+        _decided_claim(kind, channel, alike)
+        for (kind, channel), found in estimates.items()
+        for alike in _by_place(kind.state_in(channel), found)
+    ]
 
 
 _Ways = Callable[[list[_Kind], Spot], list[list[Floats]]]

@@ -270,10 +270,11 @@ def _normal_errors(points: Floats, normals: Floats) -> Floats:
     """
     if not len(points):
         return np.zeros(0)
-    away = points[:, None] - points[None]
-    near = (np.hypot(away[..., 0], away[..., 1]) < NORMAL_REACH * EVEN_SPACING) & (normals @ normals.T > SAME_SIDE)
+    x, y = points.T
+    near = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 < (NORMAL_REACH * EVEN_SPACING) ** 2
+    near &= normals @ normals.T > SAME_SIDE
     weight = near / near.sum(axis=1)[:, None]
-    (x, y), (mean_x, mean_y) = points.T, (weight @ points).T
+    mean_x, mean_y = (weight @ points).T
     xx, xy, yy = weight @ (x * x) - mean_x**2, weight @ (x * y) - mean_x * mean_y, weight @ (y * y) - mean_y**2
     along = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     across = np.abs(np.cos(along) * normals[:, 0] + np.sin(along) * normals[:, 1])
