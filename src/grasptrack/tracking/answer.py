@@ -16,10 +16,11 @@ from grasptrack.geometry.contours import View
 from grasptrack.grasp.closure_probability import CHANCE, ClosureCheck, Judgement
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import FINGER_WIDTH
-from grasptrack.tracking.follower import Follower, Moved
+from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.plane import UNKNOWN, Distance, Ruler
 from grasptrack.tracking.pose import PoseEstimate
+from grasptrack.tracking.registration import Moved
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.strategies import Carrier
 from grasptrack.typing import Floats, Status

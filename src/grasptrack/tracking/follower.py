@@ -34,7 +34,6 @@ from grasptrack.tracking.evidence import (
 )
 from grasptrack.tracking.hypotheses import Predictions, Solutions, predict_hypotheses
 from grasptrack.tracking.learning import learn, lose
-from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.patches import self_similar_shifts
 from grasptrack.tracking.pose import (
@@ -63,8 +62,6 @@ OUTLINE_POINTS = 60
 """Points of an outline at which it is compared with another."""
 AUTO = "auto"
 """Name of the strategy that registers all that is seen."""
-REGISTRATION = "registration"
-"""Name of what it answers with."""
 
 
 class StrategyProposal(NamedTuple):
@@ -457,48 +454,3 @@ class Follower:
             beside = state.lookalike or not self._alone
             alike = not state.lost and (beside or self.rivals.shows_equals(state.located))
             lose(state, levels, decision, predictions, lookalike=alike)
-
-
-class Moved(NamedTuple):
-    """The grasp in an image.
-
-    Attributes:
-        decision: whether it is believed, how surely, and by what estimate.
-        contacts: (k, 2) px; None where there are none.
-        homography: (3, 3) H_current_reference by which they were carried: the strategy's own.
-        view: the outline that was laid on the image, or found in it.
-        covariance: (8, 8) of the pose's error, with what the model does not know.
-        reason: why it is not believed.
-        switch: why another strategy carried them than the last answer's; empty where none did.
-    """
-
-    decision: Decision
-    contacts: Floats | None = None
-    homography: Floats | None = None
-    view: View | None = None
-    covariance: Floats | None = None
-    reason: StatusReason = StatusReason()
-    switch: str = ""
-
-
-class Registration:
-    """The first view laid on the image: the estimate's own contacts."""
-
-    name = REGISTRATION
-
-    def __init__(self, follower: Follower) -> None:
-        self.follower = follower
-
-    def move(self, grey: Grey, time: float | None) -> Moved:
-        """The grasp in the next image (H, W), taken at a time in s."""
-        return self.carry_by(self.follower.update(grey, time))
-
-    def carry_by(self, decided: Decision) -> Moved:
-        """The grasp by what was decided of an image."""
-        decision, target = decided.with_risk(self.follower.risk), self.follower.target
-        estimate = decision.estimate
-        if estimate is None or not decision.is_accepted:
-            return Moved(decision, reason=StatusReason(decision.code, decision.figures))
-        H = target.homography(estimate.G)
-        view, covariance = target.view.transformed(H), self.follower.pose_covariance(estimate)
-        return Moved(decision, estimate.contacts, H, view, covariance)

@@ -25,11 +25,11 @@ from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import Decision, check_strategy_contacts
 from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.evidence import texture_evidence
-from grasptrack.tracking.follower import REGISTRATION
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.pose import Hypothesis, PoseEstimate, max_contact_distance
 from grasptrack.tracking.redetection import Keypoints
+from grasptrack.tracking.registration import REGISTRATION
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
     decide_single,

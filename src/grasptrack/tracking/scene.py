@@ -27,7 +27,7 @@ from grasptrack.tracking.answer import Moment, Track, first_result, judge_moved,
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import SEEN_LIKE, any_of, place_prior
 from grasptrack.tracking.evidence import MAX_EXPONENT
-from grasptrack.tracking.follower import Follower, Registration, Sight
+from grasptrack.tracking.follower import Follower, Sight
 from grasptrack.tracking.instances import LEAST_OVERLAP, Instance, find, overlap_areas
 from grasptrack.tracking.joint import alias_probabilities
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
@@ -35,6 +35,7 @@ from grasptrack.tracking.parts import KnownPart, as_parts
 from grasptrack.tracking.places import ImagePyramids
 from grasptrack.tracking.pose import CONTINUOUS, PoseEstimate, mean_point
 from grasptrack.tracking.redetection import make_detector
+from grasptrack.tracking.registration import Registration
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.state import FRAME_S
 from grasptrack.typing import Floats

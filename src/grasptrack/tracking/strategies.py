@@ -18,11 +18,12 @@ from grasptrack.segmentation.outline_detector import MAX_TRIED, OutlineDetector
 from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import Decision
-from grasptrack.tracking.follower import AUTO, Follower, Moved, Registration, StrategyProposal
+from grasptrack.tracking.follower import AUTO, Follower, StrategyProposal
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.pose import Hypothesis, PoseEstimate, contact_tolerance, share_in_view, similarity_is_enough
 from grasptrack.tracking.redetection import wide_prior
+from grasptrack.tracking.registration import Moved, Registration
 from grasptrack.transfer import STRATEGIES, rrp, strategy_named
 from grasptrack.transfer.alignment import as_similarity, find_alignments
 from grasptrack.transfer.choice import StrategyChoice, TransferContext, choose_strategy

@@ -37,11 +37,12 @@ from grasptrack.tracking.answer import (
     needs_another,
 )
 from grasptrack.tracking.camera import Beforehand, rectifying_view
-from grasptrack.tracking.follower import AUTO, Moved
+from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.initialization import FirstScene, Wish, first_view, image_size, mask_as_scene, start_tracking
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.plane import make_ruler
+from grasptrack.tracking.registration import Moved
 from grasptrack.tracking.result import LocatedResult, TrackResult, UnlocatedResult
 from grasptrack.transfer import check_strategy
 from grasptrack.typing import StrategyName
