@@ -64,8 +64,8 @@ def emptiness_log_odds(target: Target, look: Look, levels: list[Grey], G: Floats
     Where the place is empty, or shows the object, the ground beside it is what it was, but for light and for as much as it
     changes over the distance of two samples at most; within it is as the ground beside it now, or as the object was. A cover
     has its own texture beside the outline and any grey level, and goes on within; so does other ground, in about the grey level
-    that it had. What changes slowly, as light does, tells
-    nothing of texture: compared are samples that lie as far apart along the outline as they do across it.
+    that it had. What changes slowly, as light does, tells nothing of texture: compared are samples that lie as far apart along
+    the outline as they do across it.
 
     Args:
         target: the object.
