@@ -155,34 +155,28 @@ class SilhouetteScorer:
         soft = cv2.GaussianBlur(field.gradient_magnitude, (0, 0), RATED_SOFTENING)
         self._strength = np.asarray(cv2.dilate(soft, np.ones((3, 3), np.uint8)), dtype=np.float32)
         self._shrink, self._size = shrink, size
-        self._last = np.array(self._strength.shape[::-1]) - 1
 
     def rate_silhouette(self, shape: Silhouette, bridge: float = 0.0) -> Rating:
         """Rate a silhouette; `bridge` px is the widest gap that a closing bridged for it."""
         chain = shape.outer[:: max(1, len(shape.outer) // RATED_PIXELS)]
-        column, row = np.maximum(np.minimum(chain // self._shrink, self._last), 0).T
-        strength = self._strength[row, column]
+        height, width = self._strength.shape
+        column, row = np.minimum(chain // self._shrink, (width - 1, height - 1)).T
+        strength = self._strength[row.clip(0), column.clip(0)]
         ring = shape.outer.reshape(-1, 1, 2)
         length, around = cv2.arcLength(ring, True), cv2.arcLength(cv2.convexHull(ring), True)
         compact = CIRCLE * shape.area / max(length, 1.0) ** 2
-        closed, contrast = _edge_share(strength), max(_edge_contrast(strength), 0.0)
-        complete, in_view = 1.0, closed * contrast
         # a closing shrinks back from the border by its radius
-        (x, y, w, h), (high, wide), near = shape.box, self._size[:2], 0.5 * bridge + 2.0 * self._shrink
-        if min(x, y, wide - x - w, high - y - h) <= near:
-            sides = self._near_image_sides(chain, near)
-            outside = sides.any(axis=0)
-            shown = strength[~outside]
-            complete = (1.0 - float(outside.mean())) ** 2 * TOUCHING ** int(sides.any(axis=1).sum())
-            in_view = _edge_share(shown) * max(_edge_contrast(shown), 0.0) if len(shown) else 0.0
+        sides = self._near_image_sides(chain, 0.5 * bridge + 2.0 * self._shrink)
+        outside = sides.any(axis=0)
+        shown = strength[~outside]
         return Rating(
-            closed,
-            contrast,
-            complete,
+            _edge_share(strength),
+            max(_edge_contrast(strength), 0.0),
+            (1.0 - float(outside.mean())) ** 2 * TOUCHING ** int(sides.any(axis=1).sum()),
             math.sqrt(min(1.0, COMPACT * compact)),
             BRIDGED ** (bridge / (BRIDGED_GAP * self._shrink)),
             min(1.0, math.sqrt(around / sum(self._size))),
-            in_view,
+            _edge_share(shown) * max(_edge_contrast(shown), 0.0) if len(shown) else 0.0,
         )
 
     def _near_image_sides(self, chain: NDArray[np.int32], near: float) -> NDArray[np.bool_]:
@@ -192,11 +186,11 @@ class SilhouetteScorer:
 
 
 def _edge_share(strength: Floats32) -> float:
-    return np.count_nonzero(strength > CLOSED) / len(strength)
+    return float((strength > CLOSED).mean())
 
 
 def _edge_contrast(strength: Floats32) -> float:
-    return float(np.add.reduce(np.minimum(strength, ENOUGH) - NOTHING) / len(strength)) / (ENOUGH - NOTHING)
+    return float((np.minimum(strength, ENOUGH) - NOTHING).mean()) / (ENOUGH - NOTHING)
 
 
 # --- proposals -----------------------------------------------------------------------------------
