@@ -11,11 +11,11 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 43_556,
-    "src/grasptrack/tracking": 9_020,
+    "src/grasptrack": 43_568,
+    "src/grasptrack/tracking": 9_038,
     "src/grasptrack/servo": 4_967,
     "src/grasptrack/io": 6_212,
-    "src/grasptrack/segmentation": 4_336,
+    "src/grasptrack/segmentation": 4_330,
     "src/grasptrack/cli": 3_349,
     "src/grasptrack/live": 3_009,
     "src/grasptrack/view": 2_048,

@@ -160,6 +160,7 @@ class Expected(NamedTuple):
         strayed: how far it may have left that, in what an unseen object goes in a frame.
         turned: log of the prior of what may have turned so, instead of place, turn and size.
         on_ground: whether the ground has them there, and that place was not seen without it.
+        unseen: as `steps`, had its place not been seen without it.
     """
 
     contacts: Floats
@@ -171,6 +172,7 @@ class Expected(NamedTuple):
     strayed: float = 0.0
     turned: Callable[[PoseEstimate], float] | None = None
     on_ground: bool = False
+    unseen: float = 0.0
 
 
 class ExpectedSize(NamedTuple):
@@ -403,13 +405,27 @@ def _log_posteriors(
     found = []
     # poses in one place explain the same pixels: between them all that is seen counts
     most = np.where(_overlapping_places(state.target, estimates), np.array(strengths), -np.inf).max(axis=1).tolist()
-    for e, surface, strength, there in zip(estimates, surfaces, strengths, most, strict=True):
+    priors = _place_priors(estimates, expected, strengths, state.numbers)
+    for e, surface, strength, there, place in zip(estimates, surfaces, strengths, most, priors, strict=True):
         alike = _log_add_exp(0.0, there + math.log(lookalike_probability(state, e, expected)))
         # what shows its outline and not its surface is another one
         missing = max(0.0, missing_evidence(surface)) if state.accepted else 0.0
-        prior = math.log(expected.presence) + place_prior(e, expected, state.numbers)
+        prior = math.log(expected.presence) + place
         found.append(strength - alike + prior - state.numbers.temper * missing)
     return found
+
+
+def _place_priors(
+    estimates: list[PoseEstimate], expected: Expected, strengths: list[float], numbers: Numbers
+) -> list[float]:
+    """`place_prior` of each. How far an object went that left its place is told by the most evident; more than that costs."""
+    anywhere = [place_prior(e, expected, numbers) for e in estimates]
+    if expected.steps < ANYWHERE_STEPS:
+        return anywhere
+    free = expected._replace(steps=max(1.0, expected.unseen, expected.taken), taken=0.0)
+    moved = [place_prior(e, free, numbers) for e in estimates]
+    best = max(range(len(estimates)), key=strengths.__getitem__)
+    return [min(a, m + anywhere[best] - moved[best]) for a, m in zip(anywhere, moved, strict=True)]
 
 
 def _most_exact(estimates: list[PoseEstimate], scores: list[float], leading: int, allowed: float) -> int:

@@ -56,7 +56,7 @@ class _Member(NamedTuple):
 
     def _is_empty(self, G: Floats, levels: list[Grey]) -> bool:
         state = self.follower.state
-        return place_is_empty(state.target, state.located, levels, G)
+        return place_is_empty(state.target, state.located, levels, G, on_ground=False)
 
     def is_shown(self, shift: Floats) -> bool:
         """Whether the image shows a part (2,) px beside the expected place."""
