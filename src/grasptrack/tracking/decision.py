@@ -160,7 +160,7 @@ class Expected(NamedTuple):
         strayed: how far it may have left that, in what an unseen object goes in a frame.
         turned: log of the prior of what may have turned so, instead of place, turn and size.
         on_ground: whether the ground has them there, and that place was not seen without it.
-        unseen: as `steps`, had its place not been seen without it.
+        unseen: as `steps`, had its place not been seen without it; 0 where no image before showed it.
     """
 
     contacts: Floats
@@ -420,7 +420,7 @@ def _place_priors(
 ) -> list[float]:
     """`place_prior` of each. How far an object went that left its place is told by the most evident; more than that costs."""
     anywhere = [place_prior(e, expected, numbers) for e in estimates]
-    if expected.steps < ANYWHERE_STEPS:
+    if expected.steps < ANYWHERE_STEPS or not expected.unseen:  # or no image has shown where it was
         return anywhere
     free = expected._replace(steps=max(1.0, expected.unseen, expected.taken), taken=0.0)
     moved = [place_prior(e, free, numbers) for e in estimates]
