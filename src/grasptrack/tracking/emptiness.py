@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack.statistics import robust_sd
-from grasptrack.tracking.evidence import SHARES_MISSING
+from grasptrack.tracking.evidence import OUTLINE_PRIOR, SHARES_MISSING, USUAL_PRIOR
 from grasptrack.tracking.hypotheses import MIN_PLACES
 from grasptrack.tracking.pose import Look
 from grasptrack.tracking.state import TrackState
@@ -22,9 +22,6 @@ STRAY = 0.1
 """Share of grey levels that follow no model."""
 ANY_LEVEL = 1.0 / 256.0
 """Density of a grey level of which nothing is known."""
-HIDDEN_POWER, COVERED_POWER = 2.0, 12.0
-"""As the share that is left, to this power, goes the prior of what is hidden of an object, and of what is of an empty place;
-of a cover as that which is not."""
 
 
 def has_gone_from(
@@ -103,17 +100,16 @@ def emptiness_log_odds(target: Target, look: Look, levels: list[Grey], G: Floats
     darker = min(1.0, float(np.median(now.ground)) / max(middle, 1.0))
     lit = [_density(now.inside - each, carried) for each in (before.inside + change, darker * before.inside)]
     as_object = max(lit, key=lambda density: float(np.log(density).sum()))
-    covered, left = as_cover * goes_on, np.log1p(-SHARES_MISSING)
-    shares = SHARES_MISSING[:, None]
+    covered, shares = as_cover * goes_on, SHARES_MISSING[:, None]
 
     def log_mixture(own: Floats, log_prior: Floats) -> float:
         told = target.numbers.temper * np.log((1.0 - shares) * own + shares * covered).sum(axis=1)
-        return float(np.logaddexp.reduce(told + log_prior) - np.logaddexp.reduce(log_prior))
+        return float(np.logaddexp.reduce(told + log_prior))
 
-    empty = log_mixture(as_ground * goes_on, COVERED_POWER * left)
-    present = log_mixture(as_ground * as_object, HIDDEN_POWER * left)
+    empty = log_mixture(as_ground * goes_on, OUTLINE_PRIOR)
+    present = log_mixture(as_ground * as_object, USUAL_PRIOR)
     same_level = max(_normal_density(np.array([change, change - light]), texture))
-    cover = log_mixture(as_ground * goes_on, HIDDEN_POWER * left[::-1]) + math.log(ANY_LEVEL / same_level)
+    cover = log_mixture(as_ground * goes_on, USUAL_PRIOR[::-1]) + math.log(ANY_LEVEL / same_level)
     return empty - float(np.logaddexp(present, cover))
 
 
