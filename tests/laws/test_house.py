@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 43_568,
-    "src/grasptrack/tracking": 9_038,
+    "src/grasptrack": 43_564,
+    "src/grasptrack/tracking": 9_034,
     "src/grasptrack/servo": 4_967,
     "src/grasptrack/io": 6_212,
     "src/grasptrack/segmentation": 4_330,
@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_201,
     "research": 11_954,
     "native": 7_359,
-    "tests": 45_330,
+    "tests": 45_348,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 217
