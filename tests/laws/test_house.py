@@ -11,9 +11,9 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 43_564,
+    "src/grasptrack": 43_563,
     "src/grasptrack/tracking": 9_034,
-    "src/grasptrack/servo": 4_967,
+    "src/grasptrack/servo": 4_966,
     "src/grasptrack/io": 6_212,
     "src/grasptrack/segmentation": 4_330,
     "src/grasptrack/cli": 3_349,
@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_201,
     "research": 11_954,
     "native": 7_359,
-    "tests": 45_348,
+    "tests": 45_357,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 217

@@ -23,6 +23,8 @@ CLOCK_GAP = 1.0
 """s between two calls from which on the caller's clock has jumped, or the caller has paused: no loop of control is so slow."""
 MAX_STALLED = 3
 """So many calls in a row may come with the same time, as those of a clock coarser than the loop; then time is taken to pass."""
+MAX_JUMPS = 3
+"""So many jumps of the caller's clock in a row, and its times are in no seconds."""
 USUAL_STEP = 0.04
 """s of a call where no step was seen yet."""
 LONGEST_STEP = 0.2
@@ -50,18 +52,19 @@ class Tick(NamedTuple):
 
 
 class ServoClock:
-    """Makes the servo's time of the caller's.
-
-    Attributes:
-        jumps: how often in a row the caller's clock has jumped.
-    """
+    """Makes the servo's time of the caller's."""
 
     def __init__(self) -> None:
         self._told: float | None = None
         self._now = 0.0
         self._steps: deque[float] = deque(maxlen=USUAL_STEPS)
         self._stalled = 0
-        self.jumps = 0
+        self._jumps = 0
+
+    @property
+    def is_in_no_seconds(self) -> bool:
+        """Whether the caller's clock has jumped in each of the last calls."""
+        return self._jumps >= MAX_JUMPS
 
     @property
     def usual_step(self) -> float:
@@ -75,10 +78,10 @@ class ServoClock:
             return Tick(0.0, 0.0, True)
         step = told - last
         if abs(step) > CLOCK_GAP:
-            self._stalled, self.jumps = 0, self.jumps + 1
+            self._stalled, self._jumps = 0, self._jumps + 1
             self._now += self.usual_step
             return Tick(self._now, min(self.usual_step, LONGEST_STEP), True, step)
-        self.jumps = 0
+        self._jumps = 0
         if step <= 0.0:
             self._told = last  # a time that was a little earlier than the last one does not count twice
             self._stalled += 1
@@ -95,6 +98,7 @@ class ServoClock:
 MAX_STANDING_MOTION = 2e-4
 """m, and 5 times as many rad, within which a hand stands: it shows in fewer px than a contact is known to."""
 NO_IMAGE, SAME_IMAGE = "no image", "the camera gives the same image again"
+TIME_STANDS = "its time is the last one's"
 
 
 class ImageGate:

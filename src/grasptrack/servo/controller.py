@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import NominalCamera, check_pose
-from grasptrack.servo.clock import SAME_IMAGE, ImageGate, ServoClock, Tick
+from grasptrack.servo.clock import SAME_IMAGE, TIME_STANDS, ImageGate, ServoClock, Tick
 from grasptrack.servo.closing import CloseGate, Closing, judge_opening
 from grasptrack.servo.command import OVER, Command, Intent, ServoCall, State
 from grasptrack.servo.estimate import Estimate
@@ -35,8 +35,6 @@ LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")
 
 MAX_RESTARTS = 2
 """How often an estimate that proved wrong is begun anew before the servo gives up."""
-MAX_JUMPS = 3
-"""So many jumps of the caller's clock in a row, and its times are in no seconds."""
 WIDTH_FACTOR = 1.5
 """Times the opening that contacts seem apart at most: a first estimate errs, but the hand is open as wide as it goes."""
 DISPLACED_WAIT, MAX_DISPLACEMENTS = 0.3, 2
@@ -44,11 +42,8 @@ DISPLACED_WAIT, MAX_DISPLACEMENTS = 0.3, 2
 hand; and so many times at most."""
 FLOOR_BELOW_GOAL = 0.006
 """m below the goal, as it was known while all fitted, to which the hand may go."""
-TIME_STANDS = "its time is the last one's"
-OBJECT_UNSURE = (
-    "not sure which object is meant: name it (object_at, box or outline), "
-    "confirm it (number=1), or ask for less (sure=0)"
-)
+OBJECT_UNSURE = """\
+not sure which object is meant: name it (object_at, box or outline), confirm it (number=1), or ask for less (sure=0)"""
 """What a servo says while it does not move for that."""
 
 
@@ -330,7 +325,7 @@ class GraspServo:
         """What the states say, the most urgent first."""
         if self.over:
             return Intent(self.state, self.reason)
-        if self._clock.jumps >= MAX_JUMPS:
+        if self._clock.is_in_no_seconds:
             return Intent("failed", f"times differ by {tick.jump:.3g} s between calls: are they in seconds?")
         contacts = None if now.result is None else now.result.contacts
         if contacts is not None and len(contacts) != len(self.goal.points):
