@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contacts that images can testify for, and an equal that comes in while the object leaves."""
+"""Contacts that images can testify for, bodies that are taken away, and an equal that comes in while the object leaves."""
+
+import math
 
 import cv2
 import numpy as np
@@ -11,7 +13,8 @@ from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.target import build_pyramid
 from grasptrack.tracking.tracker import GraspTracker
-from grasptrack_bench.simulation import SHAPES, plain_texture
+from grasptrack_bench.simulation import SHAPES, Shape, plain_texture
+from grasptrack_bench.simulation.textures import printed_texture
 from stages import EVEN, GROUND, HEIGHT, WIDTH, photo, pose
 
 BRACKET = SHAPES["bracket"]()
@@ -105,3 +108,54 @@ def test_ground_in_a_hole_that_nobody_told_does_not_hold_the_place_of_what_was_t
     for k in range(12):
         result = tracker.update(photo([], surface=even, seed=50 + k))
         assert not result.located, (k, result.contacts)
+
+
+def rectangle(left: float, right: float, half_height: float) -> np.ndarray:
+    """(4, 2) px of a rectangle about the x axis."""
+    return np.array(
+        [[left, -half_height], [right, -half_height], [right, half_height], [left, half_height]], dtype=np.float64
+    )
+
+
+@pytest.mark.parametrize("ground", ["plain", "wood"])
+@pytest.mark.parametrize("length", [28.0, 40.0, 60.0])
+@pytest.mark.parametrize("gap", [0, 25])
+def test_what_bore_the_contacts_is_not_where_bare_ground_is(gap: int, length: float, ground: str) -> None:
+    """Two bodies in one first outline: the printed one stays, the one with the contacts is taken away, or covered."""
+    table = plain_texture(4) if ground == "plain" else GROUND
+    small, large, cover = rectangle(-length, 0.0, 14.0), rectangle(0.0, 70.0, 50.0), rectangle(-length - 9, -1.0, 40.0)
+    both = np.concatenate([small[[3, 0, 1]], large, small[[2]]])
+    contacts = np.array([[-0.5 * length, -14.0], [-0.5 * length, 14.0]])
+    bodies = [Shape.of("body", polygon) for polygon in (large, small)]
+
+    def located_after(happens: str) -> list[bool]:
+        tracker = GraspTracker(outline=apply_homography(carried(0), both), grasp=apply_homography(carried(0), contacts))
+        found = []
+        for k in range(22):
+            passed = k + gap * (k >= 10)
+            M = carried(passed)
+            places = [M @ unit_frame(polygon) for polygon in (large, small)]
+            shown = list(zip(bodies, places, strict=True))[: 1 if happens == "taken" and k >= 10 else 2]
+            bars = [(apply_homography(M, cover), 170.0)] if happens == "covered" and k >= 10 else []
+            image = photo(
+                shown, bars, ground=table, surface=printed_texture(3), table=M @ np.diag([60.0, 60.0, 1.0]), seed=k
+            )
+            found.append(tracker.update(image, time=passed / 30).located)
+        assert all(found[:10])
+        return found[10:]
+
+    assert not any(located_after("taken")[4:])
+    assert all(located_after("covered"))
+
+
+def carried(passed: int) -> np.ndarray:
+    """(3, 3) of a camera that turns and shifts evenly."""
+    angle = math.radians(0.8 * passed)
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 150.0 + 1.5 * passed], [s, c, 110.0 + passed], [0.0, 0.0, 1.0]])
+
+
+def unit_frame(polygon: np.ndarray) -> np.ndarray:
+    """(3, 3) from a shape of area 1 about the origin to a rectangle's own px."""
+    side, (x, y) = math.sqrt(np.prod(np.ptp(polygon, axis=0))), polygon.mean(axis=0)
+    return np.array([[side, 0.0, x], [0.0, side, y], [0.0, 0.0, 1.0]])

@@ -92,6 +92,7 @@ class Decision:
         risk: probability from which on the estimate is not accepted.
         alias: probability that an equal of the object is followed.
         marks: (3, 3) where what is fixed in the image was taken for the object's surface; None where nothing was.
+        bare: log-odds that where a contact's part was there is bare ground, and no cover.
     """
 
     estimate: PoseEstimate | None
@@ -108,6 +109,7 @@ class Decision:
     risk: float = NUMBERS.risk
     alias: float = 0.0
     marks: Floats | None = None
+    bare: float = -math.inf
 
     @property
     def is_accepted(self) -> bool:
@@ -133,6 +135,13 @@ class Decision:
         more = probability > max(self.probability_off, self.alias)
         off, alias = any_of(self.probability_off, probability), any_of(self.alias, probability)
         return replace(self, probability_off=off, alias=alias, doubt=doubt if more else self.doubt)
+
+    def with_bare_contact(self, probability: float, log_odds: float) -> Decision:
+        """The same where a contact's part has left the object with a probability, bare ground showing by log-odds."""
+        doubt = "apart" if probability > self.probability_off else self.doubt
+        figures = {"probability_off": any_of(self.probability_off, probability), "probability": probability}
+        off = figures["probability_off"]
+        return replace(self, probability_off=off, doubt=doubt, figures=self.figures | figures, bare=log_odds)
 
     def among_several(self, share: float) -> Decision:
         """The same where it is one of several answers between which nothing decides, with its share of the probability."""

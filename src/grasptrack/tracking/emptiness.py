@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack.statistics import robust_sd
-from grasptrack.tracking.evidence import OUTLINE_PRIOR, SHARES_MISSING, USUAL_PRIOR
+from grasptrack.tracking.decision import Decision
+from grasptrack.tracking.evidence import MAX_EXPONENT, OUTLINE_PRIOR, SHARES_MISSING, USUAL_PRIOR, contact_testimony
 from grasptrack.tracking.hypotheses import MIN_PLACES
 from grasptrack.tracking.pose import Look
-from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.state import SEEN, TrackState
 from grasptrack.tracking.target import Grey, Target
-from grasptrack.typing import Floats
+from grasptrack.typing import Bools, Floats
 
 FARTHER = (1, 2, 4, 8)
 """How far apart samples along the outline are compared, as multiples of how far apart they lie across it."""
@@ -47,6 +48,26 @@ def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats, *,
     return emptiness_log_odds(target, look, levels, G, on_ground=on_ground) > 0.0
 
 
+def against_bare_contacts(decision: Decision, state: TrackState, levels: list[Grey]) -> Decision:
+    """A decision against bare ground where a contact's part of the object was: what hides a contact covers it.
+
+    If the ground goes on there, what is followed is another body, with which the contact's part was taken for one. An outline
+    that is hardly the object's is one of several bodies as probably; a ground that was seen once stays told.
+
+    Args:
+        decision: of an image.
+        state: of the object.
+        levels: the image's pyramid.
+    """
+    e, sightings = decision.estimate, state.sightings
+    if e is None or not len(e.visible) or (contact_testimony(state, e) >= SEEN).all():
+        return decision
+    told = emptiness_log_odds(state.target, sightings.look, levels, e.G, among=np.asarray(e.visible < SEEN))
+    told = max(told, sightings.bare)
+    odds = sightings.merged * math.exp(min(MAX_EXPONENT, max(-MAX_EXPONENT, told)))
+    return decision.with_bare_contact(odds / (odds + 1.0 - sightings.merged), told)
+
+
 class Sides(NamedTuple):
     """(n,) grey levels within the object's outline, beside it on the ground, and farther away, in one image."""
 
@@ -55,7 +76,9 @@ class Sides(NamedTuple):
     farther: Floats
 
 
-def emptiness_log_odds(target: Target, look: Look, levels: list[Grey], G: Floats, *, on_ground: bool = True) -> float:
+def emptiness_log_odds(
+    target: Target, look: Look, levels: list[Grey], G: Floats, *, on_ground: bool = True, among: Bools | None = None
+) -> float:
     """Log-odds of an empty place against the object, partly hidden or not, and against a cover; -inf where nothing is told.
 
     Where the place is empty, or shows the object, the ground beside it is what it was, but for light and for as much as it
@@ -70,8 +93,11 @@ def emptiness_log_odds(target: Target, look: Look, levels: list[Grey], G: Floats
         levels: the image's pyramid.
         G: (3, 3) where it would be.
         on_ground: whether it lay on that very ground.
+        among: (n,) the samples of the outline that are asked; None for all.
     """
     depth, rows = target.sides
+    if among is not None:
+        rows = [row[among] for row in rows]
     before = Sides(*(_sample_grey_levels(look.levels[0], look.G, row) for row in rows))
     now = Sides(*(_sample_grey_levels(levels[0], G, row) for row in rows))
     shown = np.isfinite(now.inside + now.ground)
@@ -107,7 +133,9 @@ def emptiness_log_odds(target: Target, look: Look, levels: list[Grey], G: Floats
         return float(np.logaddexp.reduce(told + log_prior))
 
     empty = log_mixture(as_ground * goes_on, OUTLINE_PRIOR)
-    present = log_mixture(as_ground * as_object, USUAL_PRIOR)
+    present = np.logaddexp(
+        *(log_mixture(as_ground * within, USUAL_PRIOR) for within in (as_object, np.full(len(off), ANY_LEVEL)))
+    )
     same_level = max(_normal_density(np.array([change, change - light]), texture))
     cover = log_mixture(as_ground * goes_on, USUAL_PRIOR[::-1]) + math.log(ANY_LEVEL / same_level)
     return empty - float(np.logaddexp(present, cover))

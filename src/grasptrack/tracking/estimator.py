@@ -102,7 +102,13 @@ def first_state(
         nuisance_covariance=nuisance_covariance,
         plane=Plane(target, width, height, before),
         sightings=ContactSightings(
-            target.contacts.copy(), np.zeros(count), np.zeros(count, np.int64), target.contacts, np.full(count, True)
+            places=target.contacts.copy(),
+            since_s=np.zeros(count),
+            images=np.zeros(count, np.int64),
+            first=target.contacts,
+            open=np.full(count, True),
+            look=look,
+            merged=numbers.apart,
         ),
         sides=numbers.sides,
         edge_width=target.edge_width,

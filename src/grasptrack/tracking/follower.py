@@ -22,7 +22,7 @@ from grasptrack.tracking.decision import (
     check_strategy_contacts,
     place_prior,
 )
-from grasptrack.tracking.emptiness import has_gone_from
+from grasptrack.tracking.emptiness import against_bare_contacts, has_gone_from
 from grasptrack.tracking.equals import NOTICED, Way, log_density
 from grasptrack.tracking.estimator import first_state
 from grasptrack.tracking.evidence import (
@@ -373,6 +373,7 @@ class Follower:
         self, decision: Decision, levels: list[Grey], predictions: Predictions, expected: Expected
     ) -> Decision:
         """A decision against all that may be taken for the object."""
+        decision = against_bare_contacts(decision, self.state, levels)
         decision = self.rivals.against_other_sizes(decision, levels)
         decision = self.rivals.against_other_looks(decision, levels, predictions)
         return self.rivals.against_equals(

@@ -54,7 +54,7 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     target, numbers, steps = state.target, state.numbers, state.steps
     way = float(np.linalg.norm(target.pose_difference(state.last.G, e.G)))
     new = min(1.0, way / (numbers.new_view * target.size)) if math.isfinite(way) else 1.0
-    state.alias, state.marks = decision.alias, decision.marks
+    state.alias, state.marks, state.sightings.bare = decision.alias, decision.marks, decision.bare
     if decision.is_accepted and state.marks is not None and not stands_at(target, e.G, state.marks):
         state.marks = None
     _learn_motion(state, e, predictions)
@@ -71,7 +71,7 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     state.expected, state.anchored, state.unseen, state.adrift, state.lost = e.G, True, 0.0, 0.0, 0
     state.leaving, state.left = False, 0
     if decision.is_accepted or decision.code == "outline-open":
-        state.sightings.add(e.contacts, contact_testimony(state, e), state.passed_s, numbers)
+        state.sightings.add(e.contacts, contact_testimony(state, e), state.last, state.passed_s, numbers)
     else:
         state.sightings.pass_image(state.passed_s)
     if not decision.is_accepted:  # where it is, is known only roughly

@@ -158,6 +158,9 @@ class ContactSightings:
         first: (k, 2) px where it was in the first view.
         open: (k,) no view in which it had moved has shown it yet.
         doubt: probability that the first outline is another object's; 0 where a person gave the contacts.
+        look: the last one that showed all of them.
+        merged: probability that a contact's part of the first outline is a body of its own.
+        bare: log-odds that since then an image showed bare ground where a contact's part was, against a cover.
     """
 
     places: Floats
@@ -165,12 +168,17 @@ class ContactSightings:
     images: Ints
     first: Floats
     open: Bools
+    look: Look
+    merged: float
     doubt: float = 0.0
+    bare: float = -math.inf
 
-    def add(self, contacts: Floats, testified: Floats, seconds: float, numbers: Numbers) -> None:
+    def add(self, contacts: Floats, testified: Floats, look: Look, seconds: float, numbers: Numbers) -> None:
         """An answer, `seconds` after the last image, in which each contact (k, 2) px was seen by a share (k,)."""
         self.pass_image(seconds)
         own = testified >= SEEN
+        if own.all():
+            self.look, self.bare = look, -math.inf
         self.places[own], self.since_s[own], self.images[own] = contacts[own], 0.0, 0
         self.open &= ~(own & self.have_moved(contacts, numbers))
 
