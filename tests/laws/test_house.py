@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 43_617,
-    "src/grasptrack/tracking": 9_088,
+    "src/grasptrack": 43_625,
+    "src/grasptrack/tracking": 9_096,
     "src/grasptrack/servo": 4_966,
     "src/grasptrack/io": 6_212,
     "src/grasptrack/segmentation": 4_330,

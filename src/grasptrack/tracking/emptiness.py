@@ -60,10 +60,10 @@ def against_bare_contacts(decision: Decision, state: TrackState, levels: list[Gr
         levels: the image's pyramid.
     """
     e, sightings = decision.estimate, state.sightings
-    if e is None or not len(e.visible) or (contact_testimony(state, e) >= SEEN).all():
+    if e is None or len(e.visible) != len(sightings.shown) or (contact_testimony(state, e) >= SEEN).all():
         return decision
-    told = emptiness_log_odds(state.target, sightings.look, levels, e.G, among=np.asarray(e.visible < SEEN))
-    told = max(told, sightings.bare)
+    vanished = np.asarray((e.visible < SEEN) & (sightings.shown >= SEEN))
+    told = max(sightings.bare, emptiness_log_odds(state.target, sightings.look, levels, e.G, among=vanished))
     odds = sightings.merged * math.exp(min(MAX_EXPONENT, max(-MAX_EXPONENT, told)))
     return decision.with_bare_contact(odds / (odds + 1.0 - sightings.merged), told)
 
@@ -124,7 +124,8 @@ def emptiness_log_odds(
         as_ground = as_cover
     goes_on = _density(now.inside - now.ground, _change_across(now, texture, noise))
     darker = min(1.0, float(np.median(now.ground)) / max(middle, 1.0))
-    lit = [_density(now.inside - each, carried) for each in (before.inside + change, darker * before.inside)]
+    beside = before.inside * now.ground / np.maximum(before.ground, ROUNDING)  # where a lamp wanders
+    lit = [_density(now.inside - each, carried) for each in (before.inside + change, darker * before.inside, beside)]
     as_object = max(lit, key=lambda density: float(np.log(density).sum()))
     covered, shares = as_cover * goes_on, SHARES_MISSING[:, None]
 
@@ -132,9 +133,12 @@ def emptiness_log_odds(
         told = target.numbers.temper * np.log((1.0 - shares) * own + shares * covered).sum(axis=1)
         return float(np.logaddexp.reduce(told + log_prior))
 
+    hidden = (
+        USUAL_PRIOR if among is None else OUTLINE_PRIOR
+    )  # of samples that are no more seen, a cover hides all or few
     empty = log_mixture(as_ground * goes_on, OUTLINE_PRIOR)
-    present = np.logaddexp(
-        *(log_mixture(as_ground * within, USUAL_PRIOR) for within in (as_object, np.full(len(off), ANY_LEVEL)))
+    present = float(
+        np.logaddexp(log_mixture(as_ground * as_object, hidden), log_mixture(as_ground * ANY_LEVEL, hidden))
     )
     same_level = max(_normal_density(np.array([change, change - light]), texture))
     cover = log_mixture(as_ground * goes_on, USUAL_PRIOR[::-1]) + math.log(ANY_LEVEL / same_level)

@@ -6,7 +6,7 @@ import numpy as np
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.plane import Plane
 from grasptrack.tracking.pose import Hypothesis, Look, PoseEstimate, sane_area
-from grasptrack.tracking.state import NO_BEND, ContactSightings, Shutter, TrackState
+from grasptrack.tracking.state import NO_BEND, ContactSightings, Shutter, TrackState, nothing_visible
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
 
@@ -108,6 +108,7 @@ def first_state(
             first=target.contacts,
             open=np.full(count, True),
             look=look,
+            shown=nothing_visible(),
             merged=numbers.apart,
         ),
         sides=numbers.sides,

@@ -71,7 +71,7 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     state.expected, state.anchored, state.unseen, state.adrift, state.lost = e.G, True, 0.0, 0.0, 0
     state.leaving, state.left = False, 0
     if decision.is_accepted or decision.code == "outline-open":
-        state.sightings.add(e.contacts, contact_testimony(state, e), state.last, state.passed_s, numbers)
+        state.sightings.add(e.contacts, contact_testimony(state, e), state.last, e.visible, state.passed_s, numbers)
     else:
         state.sightings.pass_image(state.passed_s)
     if not decision.is_accepted:  # where it is, is known only roughly

@@ -158,7 +158,7 @@ class ContactSightings:
         first: (k, 2) px where it was in the first view.
         open: (k,) no view in which it had moved has shown it yet.
         doubt: probability that the first outline is another object's; 0 where a person gave the contacts.
-        look: the last one that showed all of them.
+        look: the last one that showed all of them; shown: (n,) how much of each sample of the outline, empty before any did.
         merged: probability that a contact's part of the first outline is a body of its own.
         bare: log-odds that since then an image showed bare ground where a contact's part was, against a cover.
     """
@@ -169,16 +169,19 @@ class ContactSightings:
     first: Floats
     open: Bools
     look: Look
+    shown: Floats
     merged: float
     doubt: float = 0.0
     bare: float = -math.inf
 
-    def add(self, contacts: Floats, testified: Floats, look: Look, seconds: float, numbers: Numbers) -> None:
+    def add(
+        self, contacts: Floats, testified: Floats, look: Look, visible: Floats, seconds: float, numbers: Numbers
+    ) -> None:
         """An answer, `seconds` after the last image, in which each contact (k, 2) px was seen by a share (k,)."""
         self.pass_image(seconds)
         own = testified >= SEEN
         if own.all():
-            self.look, self.bare = look, -math.inf
+            self.look, self.shown, self.bare = look, visible, -math.inf
         self.places[own], self.since_s[own], self.images[own] = contacts[own], 0.0, 0
         self.open &= ~(own & self.have_moved(contacts, numbers))
 
