@@ -40,6 +40,7 @@ SMALLEST = {
     "polygons": "--data DATA --fit",
     "first_outline": "--shapes bracket --kinds gap --frames 4",
     "gallery": "--sections Strategies --pictures DATA/gallery",
+    "literature": "--shapes bracket --seeds 0 --frames 4",
     "live_page": "--frames 4 --blocks 1 --seconds 0.5 --viewers client",
     "loop": "--frames 4 --repeat 1 --long 0 --starts 1",
     "matching": "--shapes bracket --pairs 1 --cut 1 --images 1",
