@@ -75,7 +75,8 @@ Publish = Annotated[
     option(
         OUTPUT,
         "ADDRESS",
-        "Send a line for every frame to whoever connects to tcp:// or ws://HOST:PORT: JSON, or with ?format=fixed columns.",
+        "Send a line for every frame to whoever connects to tcp:// or ws://HOST:PORT: JSON, or with ?format=fixed columns; "
+        "modbus://HOST:PORT has registers.",
     ),
 ]
 NoVideo = Annotated[bool, option(OUTPUT, None, "Do not write overlay.mp4.", "--no-video")]

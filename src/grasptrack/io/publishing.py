@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results over TCP or WebSocket: a line for every frame to whoever connects, for robot controllers, PLCs and panels.
+"""Results over TCP or WebSocket, a line for every frame, or as registers of Modbus/TCP: for controllers, PLCs and panels.
 
 Whoever tracks hands a result over and goes on; a thread of its own sends. A client gets the newest result once it has taken
 the line before: one that is slow misses results, and nothing waits for it here. Nothing is read from a client of TCP.
@@ -19,6 +19,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 from grasptrack.errors import InputError
 from grasptrack.io.columns import IN_JSON, result_fields
+from grasptrack.io.modbus import FARTHEST, ModbusPeer, pack_registers
 from grasptrack.io.recording import json_line
 from grasptrack.io.websocket import WebSocketPeer, text_message
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 VERSION = 1
 """Of the lines; raised when a field changes its meaning or goes away."""
 FORMATS = ("json", "fixed")
-TCP, WEBSOCKET = "tcp", "ws"
+TCP, WEBSOCKET, MODBUS = "tcp", "ws", "modbus"
 SILENT = "silent"
 """Status of a line without a frame."""
 SILENCE = 1.0
@@ -60,7 +61,7 @@ class PublishAddress(NamedTuple):
         port: 0 takes a free one.
         form: one of `FORMATS`.
         rate: lines/s that a client is sent at most.
-        scheme: `TCP`, or `WEBSOCKET`, where each line is a message.
+        scheme: `TCP`; `WEBSOCKET`, where each line is a message; or `MODBUS`, where registers are read in place of lines.
         origin: of web pages that may listen to a WebSocket; see `WebSocketPeer`.
     """
 
@@ -73,21 +74,24 @@ class PublishAddress(NamedTuple):
 
 
 def parse_publish_address(text: str) -> PublishAddress:
-    """The address as `--publish` takes it: tcp or ws://HOST:PORT, HOST:PORT or PORT, with ?format=, &rate= and &origin=."""
+    """The address as `--publish` takes it: tcp, ws or modbus://HOST:PORT, HOST:PORT or PORT; ?format=, &rate=, &origin=."""
     try:
         parts = urlsplit(text if "://" in text else f"tcp://{'127.0.0.1:' * text.partition('?')[0].isdecimal()}{text}")
         settings = dict(parse_qsl(parts.query, strict_parsing=True) if parts.query else ())
-        form, rate = settings.pop("format", FORMATS[0]), float(settings.pop("rate", "inf"))
+        lines = parts.scheme != MODBUS
+        form, rate = FORMATS[0], math.inf
+        if lines:
+            form, rate = settings.pop("format", form), float(settings.pop("rate", "inf"))
         origin = settings.pop("origin", "") if parts.scheme == WEBSOCKET else ""
         path = parts.path if parts.scheme == TCP else parts.path.strip("/")
-        plain = parts.scheme in (TCP, WEBSOCKET) and not (path or parts.fragment or parts.username or settings)
+        plain = parts.scheme in (TCP, WEBSOCKET, MODBUS) and not (path or parts.fragment or parts.username or settings)
         if plain and parts.port is not None and form in FORMATS and rate >= 1.0:
             return PublishAddress(parts.hostname or "127.0.0.1", parts.port, form, rate, parts.scheme, origin)
     except ValueError:
         pass
     raise InputError(
         f"--publish takes tcp://HOST:PORT, as tcp://0.0.0.0:5555, ws://HOST:PORT, or a port of this machine, with ?format=json "
-        f'or fixed and &rate=N lines/s, at least 1; ws with &origin=http://PAGE; not "{text}"',
+        f'or fixed and &rate=N lines/s, at least 1; ws with &origin=http://PAGE; or modbus://HOST:PORT; not "{text}"',
         address=text,
     )
 
@@ -126,15 +130,36 @@ def fixed_line(fields: dict[str, Any]) -> str:
     """A line's numbers in columns that never move, `WIDTH` characters; see docs/files.md."""
     contacts = fields["contacts"] or []
     texts = ["" if v is None else f"{v:0{_COORDINATE}.2f}" for contact in contacts for v in contact]
-    status = MAY_CLOSE if fields["may_close"] else FIXED_STATUS[fields["status"]]
+    status = _status_number(fields)
     if len(contacts) > _PLACES or any(len(text) != _COORDINATE for text in texts):
         status, contacts, texts = DOES_NOT_FIT, [], []
     texts += ["0000.00"] * (2 * _PLACES - len(texts))
     age = 999999 if fields["age_ms"] is None else min(math.ceil(fields["age_ms"]), 999999)  # never younger than it is
     confidence = math.floor(1e4 * (fields["confidence"] or 0.0)) / 1e4  # never rounded up
-    spread = min(max(map(_largest_deviation, fields["covariances"] or ()), default=math.inf), 9.99)
+    spread = min(_widest_deviation(fields), 9.99)
     head = f"{VERSION},{status},{len(contacts)},{fields['sequence'] % 10000:04d},{age:06d},{confidence:.4f}"
     return f"({head},{','.join(texts)},{spread:.2f})\n"
+
+
+def register_bytes(fields: dict[str, Any]) -> bytes:
+    """A line's numbers as registers of Modbus; see docs/files.md."""
+    contacts = fields["contacts"] or []
+    places = [value for contact in contacts for value in contact]
+    status, count = _status_number(fields), len(contacts)
+    if count > _PLACES or any(value is None or abs(value) > FARTHEST for value in places):
+        status, count, places = DOES_NOT_FIT, 0, []
+    age = math.inf if fields["age_ms"] is None else fields["age_ms"]
+    shares = fields["confidence"] or 0.0, _widest_deviation(fields)
+    return pack_registers((VERSION, status, count, fields["sequence"]), age, shares, places)
+
+
+def _status_number(fields: dict[str, Any]) -> int:
+    return MAY_CLOSE if fields["may_close"] else FIXED_STATUS[fields["status"]]
+
+
+def _widest_deviation(fields: dict[str, Any]) -> float:
+    """px, of the least sure contact; infinite where nothing is known."""
+    return max(map(_largest_deviation, fields["covariances"] or ()), default=math.inf)
 
 
 def _largest_deviation(covariance: Any) -> float:
@@ -152,7 +177,7 @@ class _Client:
 
     link: socket.socket
     number: int  # of the last moment that it was sent
-    peer: WebSocketPeer | None  # None of TCP
+    peer: WebSocketPeer | ModbusPeer | None  # None of TCP
     taken: float  # when it came or last took something, s of `time.perf_counter`
     rest: bytes = b""  # of its line, what it has not taken
     due: float = 0.0  # when it may be sent the next line
@@ -281,7 +306,9 @@ class ResultPublisher:
         link.setblocking(False)
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        peer = WebSocketPeer(self._origin) if self._scheme == WEBSOCKET else None
+        peer: WebSocketPeer | ModbusPeer | None = None
+        if self._scheme != TCP:
+            peer = WebSocketPeer(self._origin) if self._scheme == WEBSOCKET else ModbusPeer(self._read_registers)
         self._clients.append(_Client(link, self._newest.number, peer, time.perf_counter()))
 
     def _hear_client(self, client: _Client) -> None:
@@ -332,7 +359,12 @@ class ResultPublisher:
             self._selector.modify(client.link, wanted, client)
         client.watched = wanted
 
+    def _read_registers(self) -> bytes:
+        return register_bytes(line_fields(self._newest, time.perf_counter()))
+
     def _line_of(self, moment: _Moment) -> bytes:
+        if self._scheme == MODBUS:  # its clients ask
+            return b""
         fields = line_fields(moment, time.perf_counter())
         line = (json_line(fields) if self._form == "json" else fixed_line(fields)).encode()
         return text_message(line.rstrip()) if self._scheme == WEBSOCKET else line
