@@ -23,6 +23,7 @@ import typer
 
 import grasptrack
 from grasptrack.io.columns import COLUMNS, IN_JSON, result_schema
+from grasptrack.io.modbus import REGISTERS
 from grasptrack.io.publishing import DOES_NOT_FIT, FIXED_STATUS, MAY_CLOSE, SILENT, VERSION, fixed_line
 from grasptrack.presentation import REMEDIES
 from grasptrack.tracking.messages import SENTENCES
@@ -253,8 +254,33 @@ def fill_columns(page: str) -> str:
         more = ", ..." if "{i}" in column.cells else ""
         rows.append(f"| {cells}{more} | `{column.name}` | {column.unit} | {column.absent} |".replace("|  |", "| |"))
     listed = ", ".join(f"`{name}`" for name in IN_JSON)
-    rows += ["", f"Keys of a line of JSON, in their order: {listed}; on demand `outline`.", "", *_fixed_columns()]
+    rows += [
+        "",
+        f"Keys of a line of JSON, in their order: {listed}; on demand `outline`.",
+        "",
+        *_fixed_columns(),
+        *_register_rows(),
+    ]
     return _fill(page, rows)
+
+
+def _register_rows() -> list[str]:
+    """What a client of `--publish modbus://` reads where."""
+    cells = (
+        (0, 1, f"version, {VERSION}"),
+        (1, 1, "status, as in a fixed line"),
+        (2, 1, "number of contacts"),
+        (3, 1, "`sequence`, modulo 65536"),
+        (4, 2, "`age_ms`, 32 bits; all ones before the first image"),
+        (6, 2, "`confidence`, float of 32 bits"),
+        (8, 2, "standard deviation of the least certain contact, px, float; infinite if not known"),
+        (10, 12, "x, y of contacts 1 to 3, px, floats"),
+    )
+    assert sum(count for _, count, _ in cells) == REGISTERS
+    rows = ["", "| register | holding and input registers of `--publish modbus://`, high word first |", "|---|---|"]
+    return rows + [
+        f"| {first}{f' to {first + count - 1}' if count > 1 else ''} | {text} |" for first, count, text in cells
+    ]
 
 
 def _fixed_columns() -> list[str]:
