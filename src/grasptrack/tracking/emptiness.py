@@ -9,8 +9,8 @@ import numpy as np
 from grasptrack.statistics import robust_sd
 from grasptrack.tracking.decision import Decision
 from grasptrack.tracking.evidence import MAX_EXPONENT, OUTLINE_PRIOR, SHARES_MISSING, USUAL_PRIOR, contact_testimony
-from grasptrack.tracking.hypotheses import MIN_PLACES
-from grasptrack.tracking.pose import Look
+from grasptrack.tracking.hypotheses import MIN_PLACES, align_look
+from grasptrack.tracking.pose import Hypothesis, Look, max_contact_distance
 from grasptrack.tracking.state import SEEN, TrackState
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Bools, Floats
@@ -51,8 +51,8 @@ def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats, *,
 def against_bare_contacts(decision: Decision, state: TrackState, levels: list[Grey]) -> Decision:
     """A decision against bare ground where a contact's part of the object was: what hides a contact covers it.
 
-    If the ground goes on there, what is followed is another body, with which the contact's part was taken for one. An outline
-    that is hardly the object's is one of several bodies as probably; a ground that was seen once stays told.
+    If the ground on which it rests goes on there, what is followed is another body, with which the contact's part was taken
+    for one. What was seen bare once stays told until the contact is seen again.
 
     Args:
         decision: of an image.
@@ -62,10 +62,15 @@ def against_bare_contacts(decision: Decision, state: TrackState, levels: list[Gr
     e, sightings = decision.estimate, state.sightings
     if e is None or len(e.visible) != len(sightings.shown) or (contact_testimony(state, e) >= SEEN).all():
         return decision
-    vanished = np.asarray((e.visible < SEEN) & (sightings.shown >= SEEN))
-    told = max(sightings.bare, emptiness_log_odds(state.target, sightings.look, levels, e.G, among=vanished))
-    odds = sightings.merged * math.exp(min(MAX_EXPONENT, max(-MAX_EXPONENT, told)))
-    return decision.with_bare_contact(odds / (odds + 1.0 - sightings.merged), told)
+    told, target, Q = sightings.bare, state.target, state.target.noise_of_motion
+    rests = align_look(
+        state, sightings.look, levels, [Hypothesis("background", e.G, Q)], Q, target.clear_ring(e.visible)
+    )
+    if rests and max_contact_distance(e.contacts, target.carried_contacts(rests.G)) < decision.tolerance:
+        vanished = np.asarray((e.visible < SEEN) & (sightings.shown >= SEEN))
+        told = max(told, emptiness_log_odds(target, sightings.look, levels, e.G, among=vanished))
+    odds = state.numbers.apart * math.exp(min(MAX_EXPONENT, told))
+    return decision.with_bare_contact(odds / (1.0 + odds), told)
 
 
 class Sides(NamedTuple):

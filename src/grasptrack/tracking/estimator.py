@@ -109,7 +109,6 @@ def first_state(
             open=np.full(count, True),
             look=look,
             shown=nothing_visible(),
-            merged=numbers.apart,
         ),
         sides=numbers.sides,
         edge_width=target.edge_width,

@@ -114,7 +114,6 @@ class FirstView(NamedTuple):
         reason: why there is no object or no grasp.
         found: all objects that were looked at, the most outstanding first.
         doubt: probability that the outline is none of the object's; 0 where a person gave contacts or a mask.
-        merged: probability that what bears a contact is a body of its own within the outline.
     """
 
     candidate: Candidate | None
@@ -122,7 +121,6 @@ class FirstView(NamedTuple):
     reason: StatusReason
     found: list[Candidate]
     doubt: float = 0.0
-    merged: float = NUMBERS.apart
 
 
 def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView:
@@ -155,9 +153,10 @@ def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView
         return FirstView(None, [], StatusReason("waiting", {"choice": candidate.probability}), found)
     chosen, why = _choose_grasps(candidate, found, wish)
     reason = StatusReason() if chosen else StatusReason("no-grasp", detail=why)
-    unlikely = 0.0 if masked or wish.said.is_settled else 1.0 - candidate.probability
-    doubt = 0.0 if masked or wish.said.grasp is not None else max(unlikely, NUMBERS.misled)
-    return FirstView(candidate, chosen, reason, found, doubt, max(unlikely, NUMBERS.apart))
+    doubt = 0.0
+    if not masked and wish.said.grasp is None:
+        doubt = NUMBERS.misled if wish.said.is_settled else max(1.0 - candidate.probability, NUMBERS.misled)
+    return FirstView(candidate, chosen, reason, found, doubt)
 
 
 class FirstScene(NamedTuple):
@@ -218,8 +217,7 @@ def start_tracking(
         except TransferError as error:
             refusal = refusal or str(error)
             continue
-        sightings = carrier.follower.state.sightings
-        sightings.doubt, sightings.merged = first.doubt, first.merged
+        carrier.follower.state.sightings.doubt = first.doubt
         found = TrackingStart(grasp, carrier, refusal)
         if not synthesised or _shows_contacts(carrier, grasp):
             return found

@@ -159,7 +159,6 @@ class ContactSightings:
         open: (k,) no view in which it had moved has shown it yet.
         doubt: probability that the first outline is another object's; 0 where a person gave the contacts.
         look: the last one that showed all of them; shown: (n,) how much of each sample of the outline, empty before any did.
-        merged: probability that a contact's part of the first outline is a body of its own.
         bare: log-odds that since then an image showed bare ground where a contact's part was, against a cover.
     """
 
@@ -170,7 +169,6 @@ class ContactSightings:
     open: Bools
     look: Look
     shown: Floats
-    merged: float
     doubt: float = 0.0
     bare: float = -math.inf
 
