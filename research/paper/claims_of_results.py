@@ -194,7 +194,9 @@ def _kinds_of_grasps(e: Evidence) -> Finding:
 
 @_claim("V", "RRP and homography carry more kinds of grasps than other methods that track grasps ([22])", "none", "-")
 def _other_methods(_: Evidence) -> Finding:
-    return Finding("not tried", "the paper measures no other method, and that of [22] is not built here")
+    return Finding(
+        "not tried", "the paper measures no other method, and of [22] only what its title says is built here"
+    )
 
 
 @_claim("V", "The errors of all three are minimal", "Table P, 4 DoF, chains of pixels; print")
