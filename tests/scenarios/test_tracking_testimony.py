@@ -2,12 +2,16 @@
 """Contacts that images can testify for, bodies that are taken away, and an equal that comes in while the object leaves."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.tracking.decision import CODES, NOTHING
 from grasptrack.tracking.emptiness import has_gone_from, place_is_empty
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.selection import make_target
@@ -108,6 +112,31 @@ def test_ground_in_a_hole_that_nobody_told_does_not_hold_the_place_of_what_was_t
     for k in range(12):
         result = tracker.update(photo([], surface=even, seed=50 + k))
         assert not result.located, (k, result.contacts)
+
+
+def test_no_light_is_too_much_to_tell_a_place_by() -> None:
+    """An even ground that is far brighter just there is as improbable as it may be, and still a number."""
+    tracker = GraspTracker(object_at=(160.0, 120.0))
+    for k in range(3):
+        tracker.update(photo([(BRACKET, pose())], ground=EVEN, noise=0.3, light=0.3, seed=k))
+    assert tracker._track is not None
+    state = tracker._track.follower.state
+    image = photo([], ground=EVEN, noise=0.3, light=0.3)
+    image[40:200, 90:230] = 255
+    bright = build_pyramid(image)
+    with np.errstate(divide="raise", invalid="raise"):
+        assert not place_is_empty(state.target, state.located, bright, state.located.G)
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.sampled_from(CODES))
+def test_bare_ground_changes_the_reason_only_where_it_is_the_worst(off: float, probability: float, doubt: str) -> None:
+    before = replace(NOTHING, probability_off=off, doubt=doubt, figures={"probability_off": off, "probability": off})
+    after = before.with_bare_contact(probability, 1.0)
+    assert max(off, probability) <= after.probability_off <= off + probability and after.bare == 1.0
+    if probability <= off:
+        assert (after.doubt, after.figures) == (before.doubt, before.figures)
+    else:
+        assert after.doubt == "apart" and after.figures["probability"] == probability
 
 
 def rectangle(left: float, right: float, half_height: float) -> np.ndarray:

@@ -138,10 +138,11 @@ class Decision:
 
     def with_bare_contact(self, probability: float, log_odds: float) -> Decision:
         """The same where a contact's part has left the object with a probability, bare ground showing by log-odds."""
-        doubt = "apart" if probability > self.probability_off else self.doubt
-        figures = {"probability_off": any_of(self.probability_off, probability), "probability": probability}
-        off = figures["probability_off"]
-        return replace(self, probability_off=off, doubt=doubt, figures=self.figures | figures, bare=log_odds)
+        off = any_of(self.probability_off, probability)
+        found = replace(self, probability_off=off, bare=log_odds)
+        if probability <= self.probability_off:
+            return found
+        return replace(found, doubt="apart", figures={"probability_off": off, "probability": probability})
 
     def among_several(self, share: float) -> Decision:
         """The same where it is one of several answers between which nothing decides, with its share of the probability."""

@@ -87,10 +87,10 @@ def emptiness_log_odds(
     """Log-odds of an empty place against the object, partly hidden or not, and against a cover; -inf where nothing is told.
 
     Where the place is empty, or shows the object, the ground beside it is what it was, but for light and for as much as it
-    changes over the distance of two samples at most; within it is as the ground beside it now, or as the object was. A cover
-    has its own texture beside the outline and any grey level, and goes on within; so does other ground, in about the grey level
-    that it had. What changes slowly, as light does, tells nothing of texture: compared are samples that lie as far apart along
-    the outline as they do across it.
+    changes over the distance of two samples at most; within it is as the ground beside it now, or as the object was, or
+    anything, if something else lies there. A cover has its own texture beside the outline and any grey level, and goes on
+    within; so does other ground, in about the grey level that it had. What changes slowly, as light does, tells nothing of
+    texture: compared are samples that lie as far apart along the outline as they do across it.
 
     Args:
         target: the object.
@@ -138,15 +138,14 @@ def emptiness_log_odds(
         told = target.numbers.temper * np.log((1.0 - shares) * own + shares * covered).sum(axis=1)
         return float(np.logaddexp.reduce(told + log_prior))
 
-    hidden = (
-        USUAL_PRIOR if among is None else OUTLINE_PRIOR
-    )  # of samples that are no more seen, a cover hides all or few
+    # of samples that were seen and are no more a cover hides all or few
+    hidden = USUAL_PRIOR if among is None else OUTLINE_PRIOR
     empty = log_mixture(as_ground * goes_on, OUTLINE_PRIOR)
     present = float(
         np.logaddexp(log_mixture(as_ground * as_object, hidden), log_mixture(as_ground * ANY_LEVEL, hidden))
     )
-    same_level = max(_normal_density(np.array([change, change - light]), texture))
-    cover = log_mixture(as_ground * goes_on, USUAL_PRIOR[::-1]) + math.log(ANY_LEVEL / same_level)
+    same_level = _log_normal_density(min(abs(change), abs(change - light)), texture)
+    cover = log_mixture(as_ground * goes_on, USUAL_PRIOR[::-1]) + math.log(ANY_LEVEL) - same_level
     return empty - float(np.logaddexp(present, cover))
 
 
@@ -156,13 +155,14 @@ def _change_across(image: Sides, texture: float, noise: float) -> float:
     return robust_sd(across - np.median(across)) + noise if len(across) > MIN_PLACES else texture + noise
 
 
-def _normal_density(deviation: Floats, spread: float) -> Floats:
-    return np.asarray(np.exp(-0.5 * (deviation / spread) ** 2) / (spread * math.sqrt(2.0 * math.pi)))
+def _log_normal_density(deviation: float, spread: float) -> float:
+    return -0.5 * (deviation / spread) ** 2 - math.log(spread * math.sqrt(2.0 * math.pi))
 
 
 def _density(deviation: Floats, spread: float) -> Floats:
     """(n,) of deviations (n,) that are normal, but for a share of them."""
-    return np.asarray((1.0 - STRAY) * _normal_density(deviation, spread) + STRAY * ANY_LEVEL)
+    normal = np.exp(-0.5 * (deviation / spread) ** 2) / (spread * math.sqrt(2.0 * math.pi))
+    return np.asarray((1.0 - STRAY) * normal + STRAY * ANY_LEVEL)
 
 
 def _sample_grey_levels(grey: Grey, G: Floats, points: Floats) -> Floats:

@@ -54,7 +54,8 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     target, numbers, steps = state.target, state.numbers, state.steps
     way = float(np.linalg.norm(target.pose_difference(state.last.G, e.G)))
     new = min(1.0, way / (numbers.new_view * target.size)) if math.isfinite(way) else 1.0
-    state.alias, state.marks, state.sightings.bare = decision.alias, decision.marks, decision.bare
+    state.alias, state.marks = decision.alias, decision.marks
+    state.sightings.bare = max(state.sightings.bare, decision.bare)
     if decision.is_accepted and state.marks is not None and not stands_at(target, e.G, state.marks):
         state.marks = None
     _learn_motion(state, e, predictions)
