@@ -272,7 +272,7 @@ def _register_rows() -> list[str]:
         (2, 1, "number of contacts"),
         (3, 1, "`sequence`, modulo 65536"),
         (4, 2, "`age_ms`, 32 bits; all ones before the first image"),
-        (6, 2, "`confidence`, float of 32 bits"),
+        (6, 2, "`confidence`, float of 32 bits, never rounded up"),
         (8, 2, "standard deviation of the least certain contact, px, float; infinite if not known"),
         (10, 12, "x, y of contacts 1 to 3, px, floats"),
     )

@@ -70,15 +70,21 @@ VALUES = st.floats() | st.floats(-2e3, 2e4)
     spread=VALUES,
     number=st.integers(1, 10**9),
     age=st.none() | st.floats(0.0, 1e12),
+    confidence=st.floats(0.0, 1.0),
 )
-def test_any_result_fills_all_registers(contacts: Any, spread: float, number: int, age: float | None) -> None:
+def test_any_result_fills_all_registers(
+    contacts: Any, spread: float, number: int, age: float | None, confidence: float
+) -> None:
     shape = None if contacts is None else np.full((len(contacts), 2, 2), spread)
-    result = result_of(contacts=None if contacts is None else np.array(contacts), covariance=shape)
+    result = result_of(
+        confidence=confidence, contacts=None if contacts is None else np.array(contacts), covariance=shape
+    )
     fields = publishing.line_fields(
         publishing._Moment(number, age, frame_of(3), result), 0.0 if age is None else 2 * age
     )
     told = decoded(publishing.register_bytes(fields))
-    version, status, count, sequence, ms, _, off, *places = told
+    version, status, count, sequence, ms, sure, off, *places = told
+    assert confidence - 1e-7 < sure <= confidence
     assert (version, sequence) == (1, number % 65536) and not math.isnan(off)
     assert ms == 0xFFFFFFFF if age is None else ms >= min(fields["age_ms"], 0xFFFFFFFF)
     values = np.ravel(contacts or [])

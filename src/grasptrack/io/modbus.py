@@ -18,6 +18,8 @@ _ILLEGAL_FUNCTION, _ILLEGAL_ADDRESS, _ILLEGAL_VALUE = 1, 2, 3
 FARTHEST = 1e38
 """Beyond it a number is infinite: one of 32 bits ends at 3.4e38."""
 _LAYOUT = struct.Struct(">HHHHIff6f")
+_STEPS = 2**24
+"""Of a share, all of which a float of 32 bits holds."""
 REGISTERS = _LAYOUT.size // 2
 """That there are, from address 0 on."""
 
@@ -36,6 +38,7 @@ def pack_registers(
     age = 0xFFFFFFFF if not math.isfinite(age_ms) else min(math.ceil(age_ms), 0xFFFFFFFF)
     filled = [*places, *[0.0] * (6 - len(places))]
     sure, spread = shares
+    sure = math.floor(sure * _STEPS) / _STEPS  # never rounded up
     spread = math.inf if spread > FARTHEST else spread
     return _LAYOUT.pack(*(value & 0xFFFF for value in heads), age, sure, spread, *filled)
 
