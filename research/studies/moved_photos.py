@@ -45,18 +45,26 @@ ON_THE_BENCH = {"pushed", "pushed-slowly", "object-jump", "exchange", "mirror", 
 """Kinds in which the tool is cut out, and laid on the bench, which is filled in where it lay; the camera hardly moves."""
 FOCAL = 800.0
 """px, of the tilts that are drawn."""
+RATE = 30.0
+"""Images a second."""
+LEAST_SIZE = 20.0
+"""px, sqrt(area), from which on a tool counts that is not found."""
 NEARER = 1.12
 """By which the first image is enlarged: the photo's border stays out of view for a while."""
 CODECS = {"h264": "libx264", "h265": "libx265"}
 
 
 class MovedPhoto(NamedTuple):
-    """Images (H, W, 3), and of each the homography (3, 3) from the photo, and whether the tool lies there; its first mask."""
+    """Images (H, W, 3), and of each the homography (3, 3) from the photo, whether the tool lies there, and its time in s.
+
+    `mask` is the tool's first one.
+    """
 
     images: list[Pixels]
     ways: list[Floats]
     present: list[bool]
     mask: Pixels
+    times: list[float]
 
 
 def shift(x: float, y: float) -> Floats:
@@ -107,6 +115,12 @@ def soft_mask(mask: Pixels) -> Floats:
     return np.asarray(cv2.GaussianBlur(wider, (0, 0), 1.0), dtype=np.float64)
 
 
+def fill_bench(photo: Pixels, mask: Pixels) -> Pixels:
+    """A photo without what its mask shows."""
+    around = cv2.dilate(mask, np.ones((15, 15), np.uint8))
+    return np.asarray(cv2.inpaint(photo, around, 7, cv2.INPAINT_TELEA), np.uint8)
+
+
 def draw_scene(photo: Photo, guest: Photo, kind: str, count: int, seed: int) -> MovedPhoto:
     """So many images of one kind; the guest is what covers a tool, or takes its place."""
     rng = np.random.default_rng((seed, zlib.crc32(f"{photo.name}{kind}".encode())))
@@ -145,8 +159,7 @@ def draw_scene(photo: Photo, guest: Photo, kind: str, count: int, seed: int) -> 
     alpha = soft_mask(mask)
     filled = image
     if kind in ON_THE_BENCH:
-        around = cv2.dilate(mask, np.ones((15, 15), np.uint8))
-        filled = np.asarray(cv2.inpaint(image, around, 7, cv2.INPAINT_TELEA), np.uint8)
+        filled = fill_bench(image, mask)
     other = whole_part(guest.truth)
     there, other_along, other_length = axis_of(other)
     gone = count // 3 if kind in ("exchange", "mirror") else count
@@ -191,7 +204,8 @@ def draw_scene(photo: Photo, guest: Photo, kind: str, count: int, seed: int) -> 
         images = through_codec(images, Codec(CODECS[kind[:4]], float(kind[5:])))
     ways = [np.asarray(shrink @ camera(float(i)) @ object_way(i)) for i in range(count)]
     first = cv2.warpPerspective(255 * mask, ways[0], images[0].shape[1::-1])
-    return MovedPhoto(images, ways, [i < gone for i in range(count)], (first > 127).astype(np.uint8))
+    seconds = [i / RATE for i in range(count)]
+    return MovedPhoto(images, ways, [i < gone for i in range(count)], (first > 127).astype(np.uint8), seconds)
 
 
 def whole_part(truth: Bools) -> Pixels:
@@ -207,9 +221,11 @@ def follow_tool(scene: MovedPhoto) -> dict[str, int]:
     drawn = cv2.approxPolyDP(max(edges, key=cv2.contourArea), 2.0, True)[:, 0]
     tracker, (height, width) = GraspTracker(outline=drawn), scene.mask.shape
     begun = outline = np.zeros((0, 2))
-    for i, (image, way, present) in enumerate(zip(scene.images, scene.ways, scene.present, strict=True)):
+    for i, (image, way, present, time) in enumerate(
+        zip(scene.images, scene.ways, scene.present, scene.times, strict=True)
+    ):
         try:
-            result = tracker.update(image, i / 30.0)
+            result = tracker.update(image, time)
         except GraspTrackError:
             return told
         if i == 0:
@@ -222,7 +238,7 @@ def follow_tool(scene: MovedPhoto) -> dict[str, int]:
         except ConditioningError:
             continue
         x, y = there.T
-        inside = bool(((x >= 0.0) & (y >= 0.0) & (x < width) & (y < height)).all())
+        inside = area >= LEAST_SIZE**2 and bool(((x >= 0.0) & (y >= 0.0) & (x < width) & (y < height)).all())
         told["images"] += present and inside
         if result.contacts is not None:
             off = float(np.hypot(*(result.contacts - there).T).max())
@@ -244,26 +260,25 @@ def main() -> None:
     common.begin_section("Photos of tools, moved")
     taken = list(range(asked.start, len(photos), asked.each))
     common.add_paragraph(f"{len(taken)} photos, each in {asked.frames} images of every kind.")
-    rows, total = [], dict[str, int]()
+    runs = []
     for kind in asked.kinds.split(","):
         rng = np.random.default_rng((asked.seed, zlib.crc32(kind.encode())))
         guests = [(k + 1 + int(rng.integers(max(1, len(photos) - 1)))) % len(photos) for k in taken]
         drawn = zip(taken, guests, strict=True)
-        runs = [follow_tool(draw_scene(photos[k], photos[g], kind, asked.frames, asked.seed)) for k, g in drawn]
-        counts = {key: sum(run[key] for run in runs) for key in runs[0]}
-        total = {key: total.get(key, 0) + value for key, value in counts.items()}
-        rows.append((kind, KINDS[kind], len(runs), *_figures(counts)))
-    sequences = len(taken) * len(rows)
-    common.add_table(
-        ("kind", "what happens", "sequences", "begun", "images", "located, %", "wrong"),
-        [*rows, ("all", "", sequences, *_figures(total))],
-    )
+        each = [follow_tool(draw_scene(photos[k], photos[g], kind, asked.frames, asked.seed)) for k, g in drawn]
+        runs.append((kind, KINDS[kind], each))
+    add_counts_table(runs)
     common.write_sections(asked.output)
 
 
-def _figures(counts: dict[str, int]) -> tuple[object, ...]:
-    share = 100.0 * counts["right"] / max(1, counts["images"])
-    return counts["begun"], counts["images"], f"{share:.1f}", counts["wrong"]
+def add_counts_table(kinds: list[tuple[str, str, list[dict[str, int]]]]) -> None:
+    """Show the counts of each kind's sequences, and of all: name, what happens, and what `follow_tool` found."""
+    everything = [run for _, _, runs in kinds for run in runs]
+    rows = []
+    for kind, happens, runs in [*kinds, ("all", "", everything)]:
+        begun, images, right, wrong = (sum(run[key] for run in runs) for key in ("begun", "images", "right", "wrong"))
+        rows.append((kind, happens, len(runs), begun, images, f"{100.0 * right / max(1, images):.1f}", wrong))
+    common.add_table(("kind", "what happens", "sequences", "begun", "images", "located, %", "wrong"), rows)
 
 
 if __name__ == "__main__":

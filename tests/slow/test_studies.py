@@ -40,6 +40,7 @@ SMALLEST = {
     "polygons": "--data DATA --fit",
     "first_outline": "--shapes bracket --kinds gap --frames 4",
     "gallery": "--sections Strategies --pictures DATA/gallery",
+    "hand_motions": "--paths DATA/paths --frames 3 --every 1",
     "literature": "--shapes bracket --seeds 0 --frames 4",
     "live_page": "--frames 4 --blocks 1 --seconds 0.5 --viewers client",
     "loop": "--frames 4 --repeat 1 --long 0 --starts 1",
@@ -83,6 +84,10 @@ def data(tmp_path: Path) -> Path:
         rows.append(",".join(map(str, [k, *filmed.homography(k).ravel()])))
     film.release()
     (tmp_path / "videos" / "film.derived_homographies.csv").write_text("\n".join(rows))
+    (tmp_path / "paths").mkdir()
+    corners = np.array([[300.0, 200.0], [900.0, 210.0], [890.0, 600.0], [310.0, 590.0]])
+    np.savetxt(tmp_path / "paths" / "V01_5_gt_points.txt", [(corners + 4.0 * k).ravel() for k in range(4)])
+    np.savetxt(tmp_path / "paths" / "V01_5_flag.txt", np.zeros(4))
     return tmp_path
 
 

@@ -29,6 +29,7 @@ from grasptrack.tracking.evidence import (
     SUDDEN,
     departure_probability,
     outline_surprisal,
+    pose_evidence,
     power_surprisal,
     texture_evidence,
 )
@@ -278,9 +279,13 @@ class Follower:
         state = self.state
         e = decision.estimate
         jumped = bool(state.lost) or (e is not None and e.origin not in (*CONTINUOUS, TURNED, TRIED))
-        if not jumped or (predictions.background is not None and state.anchored):
+        followed = predictions.background if state.anchored else None
+        told = -math.log(state.numbers.risk)
+        contradicted = not decision.is_accepted and any(pose_evidence(state, each) > told for each in solutions.found)
+        if not jumped or (followed is not None and not (state.lost and contradicted)):
             return decision, predictions
-        guess = self.redetection.find_ground(state, levels)
+        # of ground that is followed from image to image errors add up, and it may be lost for what looks like it
+        guess = self.redetection.find_ground(state, levels) if followed is None else followed
         ground = ground_of_surroundings(state, levels, solutions.found, guess)
         if ground is None:
             return decision, predictions

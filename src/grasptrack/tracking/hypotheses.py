@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from grasptrack.geometry.homographies import apply_homography
@@ -20,6 +21,7 @@ from grasptrack.tracking.pose import (
     Look,
     PoseEstimate,
     changed_estimate,
+    distinct_hypotheses,
     largest_sigma,
     lead_alike,
     max_contact_distance,
@@ -32,8 +34,8 @@ from grasptrack.typing import Floats
 
 MIN_PLACES = 8
 """Patches that a motion must rest on."""
-PLENTY_AGREE, ENOUGH_AGREE = 0.6, 0.25
-"""Shares of the places that agree on a motion for no other start to be tried, and for it to be believed at all."""
+ALL_AGREE, PLENTY_AGREE, ENOUGH_AGREE = 0.9, 0.6, 0.25
+"""Shares of the places that agree on a motion for no other start to be tried, none to be likelier, and it to be believed."""
 WIDER_START = 4.0
 """By which the variance of a frame's motion is taken larger where a look is laid on the next image."""
 BACKGROUND_EVERY = 4
@@ -95,34 +97,49 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
         even = even if sane_area(target, even) else None  # over a long gap it may have turned to the plane's back
     if even is not None:
         rest.insert(0, Hypothesis("moving on", even, free))
-    flow = None
+    ring, background, starts = target.clear_ring(state.visible), None, rest
+    shifted, apart = shifted_with_image(state.last, levels)
+    with_image = Hypothesis("at rest", shifted, free)
+    jerked = max_contact_distance(target.carried_contacts(shifted), target.carried_contacts(rest[0].G)) > apart
+    if jerked and (background := align_look(state, state.last, levels, [with_image, *rest], Q, ring)) is not None:
+        starts = [rest[0], Hypothesis("background", background.G, free), *rest[1:]]
+    flows = list[PoseFlow]()
     if not state.lost:
-        flow = align_look(state, state.last, levels, rest, Q, target.clear_corners(state.visible))
+        flows = align_looks(state, state.last, levels, starts, Q, target.clear_corners(state.visible))
     first = []
-    if flow is not None:
+    for flow in flows:
         # without noise of a camera's own an encoder has changed the images
         step = flow.P * max(1.0, state.flow_misfit.value)
         far = state.P + step if target.noise > LEAST_NOISE else add_alike(state.P, step)
-        P = far + Q * numbers.predicted**2 + np.diag(state.flow_lag)
-        hypothesis = Hypothesis("texture", flow.G, P)
-        first = [hypothesis]
-        if even is not None:
-            calm = Hypothesis("moving on", even, state.P + state.velocity_P + Q * state.agility)
-            joined = _fuse_predictions(state, hypothesis, calm)
-            # what moves over the object may have carried its texture along
-            first = [hypothesis, calm] if joined is None else [joined]
-    settled = flow is not None and _fixes_contacts(state, flow)
+        first.append(Hypothesis("texture", flow.G, far + Q * numbers.predicted**2 + np.diag(state.flow_lag)))
+    if first and even is not None:
+        calm = Hypothesis("moving on", even, state.P + state.velocity_P + Q * state.agility)
+        joined = _fuse_predictions(state, first[0], calm)
+        # what moves over the object may have carried its texture along
+        first[:1] = [first[0], calm] if joined is None else [joined]
+    first = distinct_hypotheses(target, first)
+    settled = bool(flows) and _fixes_contacts(state, flows[0])
     among_equals = len(state.equals) > 0  # of which one may look as the object would where it was looked for
-    if settled and not among_equals and state.accepted % BACKGROUND_EVERY and state.delay < BACKGROUND_EVERY:
+    if (
+        settled
+        and not jerked
+        and not among_equals
+        and state.accepted % BACKGROUND_EVERY
+        and state.delay < BACKGROUND_EVERY
+    ):
         return Predictions(first, rest, None, even)
-    background = align_look(state, state.last, levels, rest, Q, target.clear_ring(state.visible))
+    background = background if jerked else align_look(state, state.last, levels, rest, Q, ring)
     if background is None:
         return Predictions(first or rest, rest if first else [], None, even)
     # what rested on the background rests on it still
     carried = Hypothesis("background", background.G, state.P + background.P + Q * state.wander**2)
     if first and not settled:
         joined = _fuse_predictions(state, carried, first[0])
-        first = first if joined is None else [joined]
+        first = first if joined is None else [joined, *first[1:]]
+    if (
+        jerked and first and state.wander < numbers.predicted
+    ):  # it rests: texture may have been found on what looks like it
+        return Predictions(distinct_hypotheses(target, [carried, *first]), rest, carried.G, even)
     if first:
         return Predictions(first, [*rest, carried], carried.G, even)
     return Predictions([carried, *rest], [], carried.G, even)
@@ -158,31 +175,48 @@ def _fuse_predictions(state: TrackState, flow: Hypothesis, even: Hypothesis) -> 
 def located_ground(state: TrackState, levels: list[Grey]) -> PoseFlow | None:
     """Where the ground has what was located last, whatever lies there since; None where it is not seen in both images."""
     Q = state.target.noise_of_motion * max(1.0, state.steps)
-    starts = [Hypothesis("background", G, Q) for G in (state.expected, state.located.G)]
-    return align_look(state, state.located, levels, starts, Q, state.target.ring)
+    look = state.located
+    starts = [Hypothesis("background", G, Q) for G in (state.expected, look.G, shifted_with_image(look, levels)[0])]
+    return align_look(state, look, levels, starts, Q, state.target.ring)
+
+
+def shifted_with_image(look: Look, levels: list[Grey]) -> tuple[Floats, float]:
+    """The pose (3, 3) of a look at the object, had it gone as the image did as a whole, and how many px that may be off.
+
+    A phase correlation of small images: a hand that jerks carries everything along, farther than patches find their own motion.
+    Beyond some 10 px they find what looks like them. Where the ground shows nothing, an equal may have shifted the image.
+    """
+    before, now = (pyramid[-2:][0].astype(np.float32) for pyramid in (look.levels, levels))
+    (x, y), _ = cv2.phaseCorrelate(before, now, cv2.createHanningWindow(before.shape[::-1], cv2.CV_32F))
+    right, down = levels[0].shape[1] / before.shape[1], levels[0].shape[0] / before.shape[0]
+    T = np.array([[1.0, 0.0, x * right], [0.0, 1.0, y * down], [0.0, 0.0, 1.0]])
+    return np.asarray(T @ look.G, dtype=np.float64), max(right, down)
 
 
 def align_look(
     state: TrackState, look: Look, levels: list[Grey], starts: list[Hypothesis], Q: Floats, places: Floats
 ) -> PoseFlow | None:
     """A look at some places (n, 2), work px, laid on this image; None where too few agree, or it would not be in front."""
+    return next(iter(align_looks(state, look, levels, starts, Q, places)), None)
+
+
+def align_looks(
+    state: TrackState, look: Look, levels: list[Grey], starts: list[Hypothesis], Q: Floats, places: Floats
+) -> list[PoseFlow]:
+    """All that `align_look` may mean, the likeliest first: near what looks alike many places agree, too."""
     if len(places) < MIN_PLACES:
-        return None
-    best: PoseFlow | None = None
+        return []
+    found: list[PoseFlow] = []
     wide, target = Q * WIDER_START, state.target
     for start in starts:
-        found: PoseFlow = target.handle.follow(
-            look.levels, look.G, levels, start.G, wide, places, target.corner_strides
-        )
-        if not found.valid or found.agreeing * len(places) < MIN_PLACES:
-            continue
-        if best is None or found.agreeing > best.agreeing:
-            best = found
-        if best.agreeing > PLENTY_AGREE:
-            break
-    if best is None or best.agreeing < ENOUGH_AGREE or not seen_area(best.G, target.outline) > 0.0:
-        return None
-    return best
+        flow = target.handle.follow(look.levels, look.G, levels, start.G, wide, places, target.corner_strides)
+        agree = flow.valid and flow.agreeing * len(places) >= MIN_PLACES and flow.agreeing >= ENOUGH_AGREE
+        if agree and seen_area(flow.G, target.outline) > 0.0:
+            found.append(flow)
+            if flow.agreeing > ALL_AGREE:
+                break
+    plenty = [flow for flow in found if flow.agreeing > PLENTY_AGREE]
+    return sorted(found, key=lambda flow: (flow not in plenty[:1], -flow.agreeing))
 
 
 class Solutions:

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A hand that jerks carries everything along, farther from image to image than surfaces tell their motion."""
+
+import numpy as np
+import pytest
+
+from grasptrack.tracking import hypotheses
+from grasptrack.tracking.pose import Look
+from grasptrack.tracking.target import build_pyramid
+from grasptrack_bench.simulation import SHAPES
+from stages import Run, photo, pose
+
+BRACKET, SPANNER = SHAPES["bracket"](), SHAPES["spanner"]()
+
+
+def jerk(k: int, far: float, seed: int) -> np.ndarray:
+    """(3, 3) by which the hand has carried the whole image at image k: at rest in the first two, then by `far` px an image."""
+    way = np.cumsum(np.random.default_rng(seed).choice([-1.0, 1.0], (20, 2)), axis=0) % 3 - 1.0
+    x, y = far / np.sqrt(2.0) * (way[k] if k > 1 else np.zeros(2))
+    return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("far", [15.0, 30.0, 60.0])
+def test_a_part_at_rest_is_followed_however_the_hand_jerks(far: float, seed: int) -> None:
+    """Found in each image, and the ground with it: 15 px had been too far for the ground's own motion."""
+    run = Run(object_at=(160.0, 120.0))
+    for k in range(14):
+        H = jerk(k, far, seed)
+        part = H @ pose(scale=40.0, degrees=20.0)
+        run.see(photo([(BRACKET, part)], table=H @ pose(scale=60.0), seed=k), part)
+    run.check()
+    assert run.tracker._track is not None
+    assert run.tracker._track.follower.state.wander < 0.5
+
+
+@pytest.mark.parametrize("far", [0.0, 3.0, 20.0, 70.0])
+def test_the_shift_of_an_image_is_that_of_its_ground(far: float) -> None:
+    H = jerk(5, far, 3)
+    looks = [photo([(SPANNER, G @ pose())], table=G @ pose(scale=60.0), seed=k) for k, G in enumerate((np.eye(3), H))]
+    before, now = (build_pyramid(image) for image in looks)
+    shifted, apart = hypotheses.shifted_with_image(Look(before, pose()), now)
+    assert np.abs((shifted @ np.linalg.inv(pose()) - H)[:2, 2]).max() < apart
