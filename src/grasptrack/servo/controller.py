@@ -200,11 +200,9 @@ class GraspServo:
             raise InputError(f"an opening is 0 or more, in m, not {opening:g}", opening=opening)
         if self.state != "closing":
             return
-        why = (
-            ""
-            if held or opening is None
-            else judge_opening(opening, self._known.contact_width(), self.goal.opening or math.nan)
-        )
+        why = ""
+        if opening is not None and not held:
+            why = judge_opening(opening, self._known.contact_width(), self.goal.opening or math.nan)
         if held or (held is None and not why):
             self._set_state("done", "something is held")
         elif self._retries > 0:
@@ -452,7 +450,7 @@ class GraspServo:
         opens, self._opens = self._opens, False
         if math.isnan(self._since):
             self._since = self._began = now.time
-            self._watchdog.begin_anew()
+            self._watchdog.path = 0.0
             self._trail.start_retreat(now.time, now.hand)
             self._known.lose_object(now.time)
         carried = self._known.following_twist(now.hand)
@@ -467,14 +465,10 @@ class GraspServo:
         known = self._known
         if known.is_exploring:
             known.interrupt_move()
-
-        def coasting_aim() -> Aim | None:
-            return None if known.is_exploring else self._compute_aim(now, None)
-
         why = "what is seen does not fit what is known" if located else result.reason or result.status
         carried = self._known.following_twist(now.hand)
-        knows = coasting_aim if known.estimate is not None else None
-        return self._unseen.choose_intent(why, now.time, now.time - self._began, now.step, carried, knows)
+        coast = None if known.estimate is None else lambda: None if known.is_exploring else self._compute_aim(now, None)
+        return self._unseen.choose_intent(why, now.time, now.time - self._began, now.step, carried, coast)
 
     # --- parts ------------------------------------------------------------------------------------
 

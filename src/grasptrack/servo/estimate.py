@@ -72,11 +72,8 @@ class Prior:
         """(16 + 2n, 16 + 2n) of all unknowns."""
         n = SHAPE + 2 * len(object_.points)
         deviation = np.full(n, 0.1 * float(np.abs(object_.points).max()))
-        deviation[FOCAL], deviation[TURN], deviation[OFFSET] = (
-            self.focal,
-            (self.tilt, self.tilt, self.spin),
-            (self.offset, self.offset, BEHIND_FACTOR * self.offset),
-        )
+        deviation[FOCAL], deviation[TURN] = self.focal, (self.tilt, self.tilt, self.spin)
+        deviation[OFFSET] = self.offset, self.offset, BEHIND_FACTOR * self.offset
         deviation[PLACE], deviation[POSE], deviation[SPEED] = self.place, (self.slope, self.slope, 0.2), self.speed
         farther = np.zeros(n)
         farther[PLACE] = object_.place - (hand[:3, :3] @ camera.offset + hand[:3, 3])
@@ -155,10 +152,6 @@ class Estimate:
         P[PLACE, PLACE] += 0.05**2 * axes @ axes.T
         P[POSE.stop - 1, POSE.stop - 1] += 0.3**2
         P[SPEED, SPEED] += 0.2**2 * np.eye(3)
-
-    def forget_displacement(self) -> None:
-        """The object rests, or moves evenly again."""
-        self.displaced_at = -np.inf
 
     def adopt_outliers(self, other: Estimate) -> None:
         """Remember what another estimate of the same object saw last that did not fit."""

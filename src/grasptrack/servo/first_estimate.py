@@ -375,11 +375,8 @@ def _is_likelier(one: Estimate, other: Estimate, seen: Sequence[Observation]) ->
     """Whether the sightings speak clearly for one estimate: it leaves less of them, and not just of their small errors."""
     left, instead = (_unexplained_misfit(each, seen) for each in (one, other))
     explains = left < MAX_LEFT_VARIANCE * 2 * sum(len(each.points) for each in seen)
-    return (
-        explains
-        and instead - left > 2.0 * CORRELATED_SIGHTINGS * math.log(TILT_ODDS)
-        and left < MAX_LEFT_SHARE * instead
-    )
+    is_clear = instead - left > 2.0 * CORRELATED_SIGHTINGS * math.log(TILT_ODDS)
+    return explains and is_clear and left < MAX_LEFT_SHARE * instead
 
 
 def _unexplained_misfit(known: Estimate, seen: Sequence[Observation]) -> float:

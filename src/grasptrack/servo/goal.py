@@ -194,11 +194,8 @@ class Goal:
         for order in every:
             there, turn = align_rigid(contacts[:, :2], tips[list(order), :2])
             fits.append((float(np.sqrt(((there - tips[list(order), :2]) ** 2).sum(axis=1).mean())), abs(turn), order))
-        best = min(f[0] for f in fits)
-        return [
-            order
-            for _, order in sorted((t, o) for misfit, t, o in fits if misfit <= ALIKE_MISFIT * best + MIN_DISTANCE_PX)
-        ]
+        most = ALIKE_MISFIT * min(f[0] for f in fits) + MIN_DISTANCE_PX
+        return [order for _, order in sorted((turn, order) for misfit, turn, order in fits if misfit <= most)]
 
     def _points_in_hand(self, camera: HandCamera, length: float) -> Floats:
         """The points (k, 3) m in the hand's frame, all at one depth, the first two `length` apart."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from grasptrack.equality import compared_by_value
 from grasptrack.presentation import to_dict
-from grasptrack.servo.camera import skew_matrix
+from grasptrack.servo.camera import pose_of, skew_matrix
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.features import MIN_DISTANCE_PX
 from grasptrack.servo.model import PLACE, POSE, SHAPE
@@ -59,9 +59,7 @@ class GraspPose:
 
     def pose(self) -> Floats:
         """(4, 4), rotation and position as one: where a hand is whose origin lies between its fingertips."""
-        out = np.eye(4)
-        out[:3, :3], out[:3, 3] = self.rotation, self.position
-        return out
+        return pose_of(self.rotation, self.position)
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""

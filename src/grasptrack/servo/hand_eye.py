@@ -276,15 +276,10 @@ transform:
         focal = float(_numbers_of([own.get("focal_px")], (1,), "focal_px, a number of px")[0])
         if not focal > 0.0:
             raise InputError(f"has a focal_px that is positive, not {focal:g}", focal=focal)
-        covariance = _numbers_of(
-            own.get("covariance"), (CAMERA_UNKNOWNS, CAMERA_UNKNOWNS), "covariance, 7 rows of 7 numbers"
-        )
+        covariance = _numbers_of(own.get("covariance"), (7, 7), "covariance, 7 rows of 7 numbers")
         sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         relative = covariance / np.outer(sd, sd)
-        if (
-            np.abs(relative - relative.T).max() > FILE_ROUNDING
-            or float(np.linalg.eigvalsh(relative).min()) < -FILE_ROUNDING
-        ):
+        if np.abs(relative - relative.T).max() > FILE_ROUNDING or np.linalg.eigvalsh(relative).min() < -FILE_ROUNDING:
             raise InputError("has a covariance that is symmetric, without negative eigenvalues")
         centre = _numbers_of(own.get("centre_px"), (2,), "centre_px, x and y in px")
         mounting = pose_of(rotation_of(values[3:]), values[:3])
@@ -311,13 +306,9 @@ def _frame_names(base: str, hand: str, camera: str) -> str:
 def _numbers_of(value: Any, shape: tuple[int, ...], what: str) -> Floats:
     """Finite numbers of a file as an array of a shape, or an InputError that says what the file has to have."""
     rows = value if len(shape) == 2 else [value]
-    if not isinstance(rows, list) or (len(shape) == 2 and len(rows) != shape[0]):
+    listed = isinstance(rows, list) and all(isinstance(row, list) and len(row) == shape[-1] for row in rows)
+    if not listed or sum(map(len, rows)) != math.prod(shape):
         raise InputError(f"has {what}")
-    for row in rows:
-        if (
-            not isinstance(row, list)
-            or len(row) != shape[-1]
-            or any(arguments.number(v) or not abs(v) < MAX_NUMBER for v in row)
-        ):
-            raise InputError(f"has {what}")
+    if any(arguments.number(v) or not abs(v) < MAX_NUMBER for row in rows for v in row):
+        raise InputError(f"has {what}")
     return np.array(value, dtype=np.float64)

@@ -25,9 +25,8 @@ from grasptrack.servo.observation import Observation, block_diagonal
 from grasptrack.servo.watchdog import Limits
 from grasptrack.typing import Floats
 
-ARM_LAGS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3)
+ARM_LAGS: Floats = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3])
 """s by which an arm may be late."""
-ARM_LAGS_S: Floats = np.array(ARM_LAGS)
 PROMPT_LAG = 0.15
 """s by which an arm may be late that is not to be taken for one that stands."""
 PATH_WINDOWS = (0.3, 0.8)
@@ -133,7 +132,7 @@ class ArmCheck:
 
     def _told_late(self, times: Floats) -> Floats:
         """(lags, M, 12), the path as it was told, for an arm that is late by each lag."""
-        told, at = np.array([m.told for m in self._kept]), times - ARM_LAGS_S[:, None]
+        told, at = np.array([m.told for m in self._kept]), times - ARM_LAGS[:, None]
         after = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
         share = np.clip((at - times[after - 1]) / (times[after] - times[after - 1]), 0.0, 1.0)[..., None]
         return np.asarray(told[after - 1] * (1.0 - share) + told[after] * share)

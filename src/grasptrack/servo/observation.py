@@ -153,9 +153,7 @@ class ResultObserver:
             return None
         noise = MIN_NOISE.repeat(k, axis=0)
         if result.covariance is not None:
-            noise += (
-                result.covariance if _are_valid_covariances(result.covariance) else _clip_covariances(result.covariance)
-            )
+            noise += _bounded_covariances(result.covariance)
         H = result.homography
         if H is None and self._needed:
             return None
@@ -172,16 +170,13 @@ class ResultObserver:
         return Observation(time, hand, points, noise, k) if np.isfinite(points).all() else None
 
 
-def _are_valid_covariances(covariance: Floats) -> bool:
-    """Whether these (k, 2, 2) are covariances within bounds, as nearly all are: then there is nothing to mend."""
-    for (xx, xy), (yx, yy) in covariance.tolist():
-        if not (xy == yx and xx >= 0.0 and yy >= 0.0 and xx + yy <= MAX_NOISE_PX**2 and xx * yy >= xy * xy):
-            return False
-    return True
-
-
-def _clip_covariances(covariance: Floats) -> Floats:
-    """The covariances (k, 2, 2) with variances in 0 to MAX_NOISE_PX^2 along their axes."""
+def _bounded_covariances(covariance: Floats) -> Floats:
+    """The covariances (k, 2, 2) with variances in 0 to MAX_NOISE_PX^2 along their axes, as nearly all have them as they are."""
+    if all(
+        xy == yx and xx >= 0.0 and yy >= 0.0 and xx + yy <= MAX_NOISE_PX**2 and xx * yy >= xy * xy
+        for (xx, xy), (yx, yy) in covariance.tolist()
+    ):
+        return covariance
     told = np.nan_to_num(covariance, nan=MAX_NOISE_PX**2, posinf=MAX_NOISE_PX**2, neginf=MAX_NOISE_PX**2)
     values, vectors = np.linalg.eigh(told)
     return np.asarray((vectors * np.clip(values, 0.0, MAX_NOISE_PX**2)[:, None, :]) @ np.swapaxes(vectors, 1, 2))

@@ -268,12 +268,11 @@ class SelfCalibration:
         elif self.estimate is not None:
             self.estimate.observe(seen)
         elif self._setup.camera is not None:
+            camera, centre = self._setup.camera, self._setup.frame.centre
             if self._setup.fixed:
-                self.estimate = ClassicalIBVS(seen, self._setup.camera, self._setup.frame.centre)
+                self.estimate = ClassicalIBVS(seen, camera, centre)
             else:
-                self._take_estimate(
-                    initialize_from_nominal(seen, self._setup.camera, self._setup.frame.centre, self._setup.slope)
-                )
+                self._take_estimate(initialize_from_nominal(seen, camera, centre, self._setup.slope))
         self._keep_observation(seen)
         self._fits.append(fits)
         if sum(not f for f in self._fits) >= MAX_MISFITS:
@@ -351,12 +350,11 @@ class SelfCalibration:
                 self._origin = Origin(known.camera, known.object, known.covariance.copy(), known.time)
                 self._search = None
                 self._forget_sightings()
-                known.forget_displacement()
+                known.displaced_at = -np.inf
             return
         settled = self._search is None or self._search.settled
-        if len(self._seen) < REFINE_FROM or (
-            settled and self._since < min(REFINE_EVERY, len(self._seen) // REFINE_FROM)
-        ):
+        is_due = self._since >= min(REFINE_EVERY, len(self._seen) // REFINE_FROM)
+        if len(self._seen) < REFINE_FROM or (settled and not is_due):
             return
         self._since = 0
         anew, self._search = refine_estimate(self._origin, self._seen, self._search, REFINE_STEPS)

@@ -22,13 +22,7 @@ from grasptrack.servo.steering import SLOW
 from grasptrack.servo.watchdog import Bounds, Limits
 
 NUMBERS = ("dof", "standoff", "latency", "time_limit", "max_age", "retries")
-TABLES: dict[str, type[Any]] = {
-    "limits": Limits,
-    "bounds": Bounds,
-    "gain": Gain,
-    "loss": LossPolicy,
-    "closing": Closing,
-}
+TABLES: dict[str, Any] = {"limits": Limits, "bounds": Bounds, "gain": Gain, "loss": LossPolicy, "closing": Closing}
 """By name, the classes whose arguments their keys are."""
 ANY_GOAL = Goal.taught([(0.0, 0.0), (1.0, 0.0)])
 """With which a servo is made to be told what is wrong with the rest."""

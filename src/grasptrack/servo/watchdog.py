@@ -60,7 +60,7 @@ class Watchdog:
 
     Attributes:
         twist: (6,), the last that was let pass.
-        path: m that the hand was told to go so far.
+        path: m that the hand was told to go so far, in this try.
         over: it brakes, and then stands for ever.
         floor: m below its start at which the hand is told to go no lower; infinite where nobody said so.
         patience: s without a new image after which the hand stands.
@@ -86,10 +86,6 @@ class Watchdog:
     def seconds_blind(self, now: float) -> float:
         """s since the last new image; NaN where there was none, or none since the clock jumped."""
         return now - self._image
-
-    def begin_anew(self) -> None:
-        """Another try: the path counts anew."""
-        self.path = 0.0
 
     def is_blind(self, now: float) -> bool:
         """Whether there was no image, or none for too long."""
