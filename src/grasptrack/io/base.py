@@ -13,6 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,8 +47,6 @@ class Frame:
         return f'Frame({self.index}, "{self.name}", {_format_size(self.image.shape)} px{when})'
 
     def _repr_png_(self) -> bytes:
-        import cv2
-
         return bytes(cv2.imencode(".png", self.image)[1])
 
 

@@ -8,6 +8,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+import cv2
+
 from grasptrack import arguments
 from grasptrack.documents import read_keys, read_text
 from grasptrack.errors import InputError
@@ -93,8 +95,6 @@ def _read_ros_ini(text: str) -> dict[str, Any]:
 
 def _read_opencv_xml(text: str) -> Any:
     """What OpenCV's own reader finds in XML."""
-    import cv2
-
     storage = cv2.FileStorage()
     try:
         storage.open(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)

@@ -10,13 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+from grasptrack.io.base import Frame
 from grasptrack.presentation import plain_value
-
-if TYPE_CHECKING:
-    from grasptrack.io.base import Frame
-    from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.result import TrackResult
 
 Kind = Literal["integer", "count", "flag", "text", "points", "matrices", "shares", "number"]
 _NUMBERS = {"type": "array", "items": {"type": "number"}}

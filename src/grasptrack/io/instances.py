@@ -10,14 +10,12 @@ import csv
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from grasptrack.files import whole_file
 from grasptrack.io.results import image_entry, outline_points, software_versions
-
-if TYPE_CHECKING:
-    from grasptrack.tracking.instances import Instance
-    from grasptrack.tracking.parts import KnownPart
+from grasptrack.tracking.instances import Instance
+from grasptrack.tracking.parts import KnownPart
 
 INSTANCES_FORMAT = 1
 COLUMNS = ("number", "part", "found", "mirrored", "confidence", "edge", "room_px")

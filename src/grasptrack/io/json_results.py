@@ -9,22 +9,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.grasp.contacts import RankedGrasp
 from grasptrack.io.results import image_entry, outline_points, software_versions
 from grasptrack.presentation import plain_value
+from grasptrack.trackability import Suitability
+from grasptrack.trackability.result import Held
+from grasptrack.tracking.image_pair import Outcome, Place
+from grasptrack.typing import Floats
+from grasptrack.view.grasps import Planned
 from grasptrack.view.panel import grasp_opening
-
-if TYPE_CHECKING:
-    from grasptrack.grasp.contacts import RankedGrasp
-    from grasptrack.trackability import Suitability
-    from grasptrack.trackability.result import Held
-    from grasptrack.tracking.image_pair import Outcome, Place
-    from grasptrack.typing import Floats
-    from grasptrack.view.grasps import Planned
 
 GRASPS_FORMAT, INSPECTION_FORMAT, TRANSFER_FORMAT = 1, 3, 1
 GRASPS_UNITS = {

@@ -7,12 +7,11 @@ import math
 import os
 from collections import deque
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
+
+from numpy.typing import NDArray
 
 from grasptrack.errors import InputError, SourceError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 T = TypeVar("T")
 DEFAULT_MEGAPIXELS = 100.0

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -158,8 +159,6 @@ def _unpack_values(data: NDArray[np.uint8], width: int, height: int, form: Pixel
 
 def to_image(raw: NDArray[Any], form: PixelFormat) -> NDArray[np.uint8]:
     """Raw values, as `raw_image` gives them, as grey (H, W) or BGR (H, W, 3), 8 bits."""
-    import cv2
-
     image: Any = raw
     if image.dtype != np.uint8:
         image = cv2.convertScaleAbs(image, alpha=255.0 / ((1 << form.bits) - 1))

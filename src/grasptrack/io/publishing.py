@@ -14,18 +14,16 @@ import socket
 import threading
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlsplit
 
 from grasptrack.errors import InputError
+from grasptrack.io.base import Frame
 from grasptrack.io.columns import IN_JSON, result_fields
 from grasptrack.io.modbus import FARTHEST, ModbusPeer, pack_registers
 from grasptrack.io.recording import json_line
 from grasptrack.io.websocket import WebSocketPeer, text_message
-
-if TYPE_CHECKING:
-    from grasptrack.io.base import Frame
-    from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.result import TrackResult
 
 VERSION = 1
 """Of the lines; raised when a field changes its meaning or goes away."""

@@ -12,19 +12,17 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Protocol, TextIO
+from typing import Any, Protocol, TextIO
 
 import numpy as np
 
 from grasptrack.errors import InputError
+from grasptrack.io.base import Frame
 from grasptrack.io.columns import result_fields
 from grasptrack.io.limits import most_held
 from grasptrack.plugins import load_plugin, plugin_names
-
-if TYPE_CHECKING:
-    from grasptrack.io.base import Frame
-    from grasptrack.tracking.result import TrackResult
-    from grasptrack.typing import Floats
+from grasptrack.tracking.result import TrackResult
+from grasptrack.typing import Floats
 
 STANDARD_OUTPUT = "-"
 HALF = 0.5

@@ -16,14 +16,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import cv2
+import numpy as np
+
+from grasptrack.geometry.contours import View
 from grasptrack.io.columns import csv_cells, csv_columns
-
-if TYPE_CHECKING:
-    from grasptrack.geometry.contours import View
-    from grasptrack.tracking.result import TrackResult
-    from grasptrack.typing import Floats
+from grasptrack.tracking.result import TrackResult
+from grasptrack.typing import Floats
 
 
 class GraspsCsv:
@@ -68,14 +69,14 @@ class GraspsCsv:
 
 def software_versions() -> dict[str, str]:
     """Versions of this package and of what computes, decodes and encodes for it."""
-    found = {
+    return {
         "grasptrack": _package_version("grasptrack"),
         "python": platform.python_version(),
-        "numpy": _package_version("numpy"),
+        "numpy": np.__version__,
+        "opencv": cv2.__version__,
+        "av": _package_version("av"),
+        "platform": platform.platform(),
     }
-    import cv2
-
-    return {**found, "opencv": cv2.__version__, "av": _package_version("av"), "platform": platform.platform()}
 
 
 def _package_version(name: str) -> str:
@@ -211,8 +212,6 @@ class Tally:
 
     def summary(self, seconds: float, ended: str, files: dict[str, Path]) -> RunSummary:
         """Everything counted so far."""
-        import numpy as np
-
         latencies = np.array(self._latencies) if self._latencies else np.array([math.nan])
         median, p99 = np.percentile(latencies, [50, 99]).tolist()
         reasons = {status: _most_frequent(known) for status, known in self._reasons.items()}

@@ -7,24 +7,24 @@ import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import Any, Protocol, cast
 
+from grasptrack import kernels
 from grasptrack.documents import write_json
 from grasptrack.errors import InputError
 from grasptrack.files import hold_folder, keep_inputs, prepare_folder, written_before
+from grasptrack.geometry.contours import View
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.columns import UNITS
+from grasptrack.io.masks import Masks
+from grasptrack.io.recording import Recording
 from grasptrack.io.results import GraspsCsv, RunSummary, Tally, software_versions
-
-if TYPE_CHECKING:
-    from grasptrack.geometry.contours import View
-    from grasptrack.io.masks import Masks
-    from grasptrack.io.recording import Recording
-    from grasptrack.io.video import VideoWriter
-    from grasptrack.tracking.result import TrackResult
-    from grasptrack.tracking.scene import SceneResult
-    from grasptrack.view.summary import Filmstrip
-
+from grasptrack.io.video import VideoWriter
+from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.scene import SceneResult
+from grasptrack.view.draw import draw_overlay
+from grasptrack.view.instances import draw_scene
+from grasptrack.view.summary import Filmstrip
 
 FILES = ("grasps.csv", "run.json", "overlay.mp4", "summary.png")
 
@@ -153,9 +153,6 @@ class Run:
     def __init__(
         self, output: Path, fingers: int, source: Source, video: bool, options: dict[str, Any], *, scene: bool = False
     ) -> None:
-        from grasptrack import kernels
-        from grasptrack.view.summary import Filmstrip
-
         self._output, self._source = output, source
         self._head: dict[str, Any] = {
             "options": options,
@@ -174,8 +171,6 @@ class Run:
         self._strip: Filmstrip = Filmstrip()
         self._video: VideoWriter | None = None
         if video:
-            from grasptrack.io.video import VideoWriter
-
             self._video = VideoWriter(output / "overlay.mp4", source.fps)
 
     def write_frame(self, frame: Frame, told: TrackResult | SceneResult) -> None:
@@ -189,9 +184,6 @@ class Run:
         wanted = self._instances is None and self._strip.wants_frame(frame.index)
         if self._video is None and not wanted:
             return
-        from grasptrack.view.draw import draw_overlay
-        from grasptrack.view.instances import draw_scene
-
         if self._instances is None:
             drawn = draw_overlay(frame.image, cast("TrackResult", told), number=frame.index, last=self._last.get(None))
         else:

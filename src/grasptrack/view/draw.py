@@ -5,23 +5,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.geometry.contours import Outline, View, as_view
+from grasptrack.images import to_bgr
 from grasptrack.presentation import format_confidence
+from grasptrack.segmentation.candidate import Candidate
 from grasptrack.tracking.messages import SENTENCES
+from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 from grasptrack.view import style
 from grasptrack.view.style import Colour, Picture, blend_colour, ellipsise_text, put_text, rgb_to_bgr, text_width
-
-if TYPE_CHECKING:
-    from grasptrack.segmentation.candidate import Candidate
-    from grasptrack.tracking.result import TrackResult
-
 
 _CHIP_INK: Colour = (10, 14, 18)
 
@@ -316,8 +314,6 @@ CANDIDATE_RGB = (style.STATUS_RGB["tracked"], style.STRATEGY_RGB["rrp"], style.F
 
 def draw_candidates(image: NDArray[Any], candidates: Sequence[Candidate]) -> Picture:
     """The image (H, W, 3) BGR with the outlines of up to three candidates and their numbers, 1 being the likeliest."""
-    from grasptrack.images import to_bgr
-
     picture = as_bgr(to_bgr(image))
     canvas, size = Canvas(picture), max(16, round(picture.shape[0] / 24))
     for number in range(min(3, len(candidates)), 0, -1):

@@ -6,11 +6,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.geometry.contours import View
+from grasptrack.grasp.contacts import GraspList, RankedGrasp
+from grasptrack.grasp.hand import HandPx
 from grasptrack.typing import Floats
 from grasptrack.view.panel import (
     FINGER,
@@ -28,12 +31,6 @@ from grasptrack.view.panel import (
     quiet_corner,
 )
 from grasptrack.view.style import INK, MUTED, create_figure, save_whole, text_width
-
-if TYPE_CHECKING:
-    from grasptrack.geometry.contours import View
-    from grasptrack.grasp.contacts import GraspList, RankedGrasp
-    from grasptrack.grasp.hand import HandPx
-
 
 _ROW = 0.29
 

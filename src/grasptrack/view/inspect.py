@@ -6,13 +6,15 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.trackability.motions import SLIDING, sliding_displacement
+from grasptrack.trackability import Suitability
+from grasptrack.trackability.motions import SLIDING, Motions, sliding_displacement
 from grasptrack.trackability.report import FAINT, Entry, describe_expectation, report_rows
+from grasptrack.trackability.result import Held
 from grasptrack.typing import Floats
 from grasptrack.view import style
 from grasptrack.view.draw import outward_directions
@@ -33,12 +35,6 @@ from grasptrack.view.panel import (
     wrap_to_width,
 )
 from grasptrack.view.style import create_figure, save_whole
-
-if TYPE_CHECKING:
-    from grasptrack.trackability import Suitability
-    from grasptrack.trackability.motions import Motions
-    from grasptrack.trackability.result import Held
-
 
 LEVEL = {"good": CLEAR, "fair": WEAK, "poor": BAD}
 _REASONS = 3

@@ -5,22 +5,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.geometry.contours import View
+from grasptrack.tracking.instances import Instance
+from grasptrack.tracking.parts import KnownPart
+from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.scene import SceneResult
 from grasptrack.view import style
 from grasptrack.view.draw import CANDIDATE_RGB, Canvas, as_bgr, enlarged_canvas
 from grasptrack.view.style import Colour, Picture, ellipsise_text, put_text, rgb_to_bgr, text_width, write_picture
-
-if TYPE_CHECKING:
-    from grasptrack.geometry.contours import View
-    from grasptrack.tracking.instances import Instance
-    from grasptrack.tracking.parts import KnownPart
-    from grasptrack.tracking.result import TrackResult
-    from grasptrack.tracking.scene import SceneResult
 
 _KIND_RGB = (*CANDIDATE_RGB[1:], style.NEIGHBOUR_RGB, style.CONE_RGB, style.STRATEGY_RGB["homography"])
 """Of parts; the grasp has the colour that is left."""

@@ -6,18 +6,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from numpy.typing import NDArray
 
+from grasptrack.geometry.contours import View
 from grasptrack.typing import Floats
 from grasptrack.view.draw import as_bgr, grasp_spokes, outward_directions
 from grasptrack.view.panel import Panel
 from grasptrack.view.style import INK, STATUS_RGB, STRATEGY_RGB, add_legend, create_figure, hex_colour, save_whole
-
-if TYPE_CHECKING:
-    from grasptrack.geometry.contours import View
-
 
 # Open marks of nested sizes: where strategies agree none hides another, and the outline is seen within the smallest.
 _MARKS = {"registration": ("h", 24), "rrp": ("s", 18), "grasp-line": ("D", 12), "homography": ("o", 9)}

@@ -6,21 +6,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.errors import GraspError
+from grasptrack.geometry.contours import View
+from grasptrack.grasp.contacts import RankedGrasp
+from grasptrack.grasp.force_closure import analyze
 from grasptrack.typing import Floats
 from grasptrack.undistortion import SeenGrasp
 from grasptrack.view import style
 from grasptrack.view.draw import as_bgr, cone_length, grasp_spokes, sector_polygon
 from grasptrack.view.style import add_legend, hex_colour, text_width
-
-if TYPE_CHECKING:
-    from grasptrack.geometry.contours import View
-    from grasptrack.grasp.contacts import RankedGrasp
-
 
 Window = tuple[float, float, float, float]
 """left, top, right, bottom in px."""
@@ -145,9 +144,6 @@ def grasp_opening(grasp: RankedGrasp) -> float:
 
 def inward_normals(grasp: RankedGrasp, view: View, friction: float) -> Floats:
     """(k, 2) unit normals into the material; where the analysis refuses the outline, the directions of motion."""
-    from grasptrack.errors import GraspError
-    from grasptrack.grasp.force_closure import analyze
-
     try:
         return analyze(grasp, view, friction).normals
     except GraspError:

@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,8 +47,6 @@ class Filmstrip:
 
     def add_frame(self, index: int, picture: Picture) -> None:
         """Keep a small copy of a frame's picture (H, W, 3), BGR."""
-        import cv2
-
         height = max(1, round(picture.shape[0] * _THUMB_WIDTH / picture.shape[1]))
         small = cv2.resize(picture, (_THUMB_WIDTH, height), interpolation=cv2.INTER_AREA)
         self._kept.append((index, np.asarray(small, dtype=np.uint8)))

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from grasptrack.errors import SourceError
@@ -25,8 +26,6 @@ class _Webcam:
     def __init__(
         self, which: int | str, name: str, size: tuple[int, int] | None, rate: float, settings: Mapping[str, str]
     ) -> None:
-        import cv2
-
         self._name = name
         try:
             self._camera: Any = (
@@ -49,8 +48,6 @@ class _Webcam:
 
     def _apply_settings(self, settings: Mapping[str, str]) -> None:
         """Settings by OpenCV's names without CAP_PROP_; the format of four letters goes first, for it decides the rest."""
-        import cv2
-
         for key, text in sorted(settings.items(), key=lambda pair: pair[0].lower() != "fourcc"):
             prop = getattr(cv2, "CAP_PROP_" + key.upper(), None)
             if prop is None:
@@ -67,8 +64,6 @@ class _Webcam:
                 raise SourceError(f"{self._name} does not take {key}={text}", name=key)
 
     def _set_size(self, width: int, height: int) -> None:
-        import cv2
-
         self._camera.set(cv2.CAP_PROP_FRAME_WIDTH, width)
         self._camera.set(cv2.CAP_PROP_FRAME_HEIGHT, height)
         got = tuple(round(self._camera.get(p)) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
@@ -76,8 +71,6 @@ class _Webcam:
             raise SourceError(f"{self._name} has no images of {width}x{height} px; nearest are {got[0]}x{got[1]}")
 
     def read(self) -> tuple[Image, float | None] | None:
-        import cv2
-
         good, image = self._camera.read()
         if not good or image is None:
             raise DeviceGoneError("it gave no image: it may have been unplugged")

@@ -9,21 +9,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from grasptrack.errors import InputError
 from grasptrack.io.bags.source import IMAGE_TOPIC, METADATA, RESULT_TOPIC
+from grasptrack.io.base import Frame
 from grasptrack.io.columns import result_fields, result_schema
 from grasptrack.io.images import encode_image
 from grasptrack.io.recording import HALF, check_writable, covariance_ellipses, status_line
 from grasptrack.io.video import DEFAULT_FPS
 from grasptrack.plugins import import_extra
+from grasptrack.tracking.result import TrackResult
+from grasptrack.typing import Floats
 from grasptrack.view.style import STATUS_RGB
-
-if TYPE_CHECKING:
-    from grasptrack.io.base import Frame
-    from grasptrack.tracking.result import TrackResult
-    from grasptrack.typing import Floats
 
 ANNOTATION_TOPIC = "/grasptrack/annotations"
 _FRAME = "camera"

@@ -6,19 +6,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from grasptrack.io.base import Frame
 from grasptrack.io.columns import NAMED
 from grasptrack.io.images import encode_image
 from grasptrack.io.recording import HALF, check_writable, covariance_ellipses, status_line
 from grasptrack.plugins import import_extra
+from grasptrack.tracking.result import TrackResult
 from grasptrack.view.style import STATUS_RGB
-
-if TYPE_CHECKING:
-    from grasptrack.io.base import Frame
-    from grasptrack.tracking.result import TrackResult
 
 IMAGE, OUTLINE, CONTACTS, ELLIPSES, STATUS, NUMBERS = (
     "image", "image/outline", "image/contacts", "image/ellipses", "status", "numbers",
