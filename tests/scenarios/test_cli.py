@@ -326,6 +326,18 @@ def test_what_a_file_is_called_reaches_no_terminal_as_a_command(
         assert "\x9b" not in path.read_text(encoding="utf-8") and json.loads(path.read_text(encoding="utf-8"))
 
 
+@pytest.mark.whole
+def test_every_page_is_drawn_whatever_a_file_is_called(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(plates(tmp_path / "in", 2))
+    name, pages = os.fsdecode(b"c\xff $\\q$.png"), {"track": "summary", "inspect": "inspect", "synthesize": "grasps"}
+    Path("000.png").rename(name)
+    for verb, page in pages.items():
+        assert main([verb, name, "--quiet", "--output", verb]) == 0, verb
+        assert Path(verb, f"{page}.png").is_file()
+    assert main(["transfer", name, "001.png", "--quiet", "--output", "transfer"]) == 0
+    assert Path("transfer", "transfer.png").is_file()
+
+
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero here")
 @pytest.mark.parametrize("option", ["--ignore", "--background", "--camera", "--masks"])
 def test_what_has_no_end_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from grasptrack.errors import one_line
 from grasptrack.geometry.contours import View
 from grasptrack.typing import Floats
 from grasptrack.view.draw import as_bgr, grasp_spokes, outward_directions
@@ -76,7 +77,7 @@ def _add_view(figure: Any, image: NDArray[Any], view: View, place: tuple[float, 
     shown = -0.5, -0.5, image.shape[1] - 0.5, image.shape[0] - 0.5
     panel = Panel(axes, as_bgr(image)[:, :, ::-1], shown, (72.0 * width, 72.0 * height))
     panel.draw_outline(view, 1.0)
-    axes.set_title(title, fontsize=12, color=INK, loc="left")
+    axes.set_title(one_line(title), fontsize=12, color=INK, loc="left", parse_math=False)
     return panel
 
 

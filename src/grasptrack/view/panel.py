@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.errors import GraspError
+from grasptrack.errors import GraspError, one_line
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import RankedGrasp
 from grasptrack.grasp.force_closure import analyze
@@ -379,6 +379,7 @@ class TextColumn:
     def write_title(self, name: str, left: float, more: str = "") -> None:
         """What the picture is of, above everything."""
         y = PAGE[1] - 0.42
+        name = one_line(name)
         short = name if len(name) <= 60 else name[:28] + "…" + name[-28:]
         self._write_text(left, y, short, 17.0, weight="bold")
         if more:

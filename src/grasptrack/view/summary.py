@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.errors import one_line
 from grasptrack.view.style import INK, RULE, STATUS_RGB, Picture, create_figure, hex_colour, save_whole
 
 if TYPE_CHECKING:
@@ -116,8 +117,8 @@ def write_summary(path: Path, rows: Path, strip: Filmstrip, summary: RunSummary,
     parts: Any = figure.subfigures(2, 1, height_ratios=[tall, 5.0])
     top, bottom = parts
     counts = ", ".join(f"{summary.counts[s]} {s}" for s in _ORDER if summary.counts.get(s))
-    headline = f"{title}: {summary.frames} frame{'s' * (summary.frames != 1)}, {counts}"
-    top.suptitle(headline, x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold")
+    headline = one_line(f"{title}: {summary.frames} frame{'s' * (summary.frames != 1)}, {counts}")
+    top.suptitle(headline, x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold", parse_math=False)
     if pictures:
         _show_pictures(top, pictures, down, across)
     _show_curves(bottom, curves, summary)
