@@ -67,7 +67,7 @@ class Played(Source):
         self.fps = RATE
         self._images = [*images, *images[-2:0:-1]]
 
-    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+    def _read_images(self) -> Generator[tuple[Image, float | None, str], None, None]:
         for k, image in enumerate(itertools.cycle(self._images)):
             yield image, k / RATE, f"frame {k}"
 

@@ -34,7 +34,7 @@ class FedCamera(Source):
         super().__init__("camera:fed")
         self.images: SimpleQueue[np.ndarray | str | None] = SimpleQueue()
 
-    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+    def _read_images(self) -> Generator[tuple[Image, float | None, str], None, None]:
         index = 0
         while True:
             image = self.images.get()

@@ -238,8 +238,8 @@ def test_times_that_do_not_go_on_are_none(tmp_path: Path, monkeypatch: pytest.Mo
     images = plates(tmp_path / "images", 6)
     source = open_source(images)
     given = iter([0.0, 0.1, 0.1, float("nan"), 0.05, 0.2])
-    read = source._read
-    monkeypatch.setattr(source, "_read", lambda: ((image, next(given), name) for image, _, name in read()))
+    read = source._read_images
+    monkeypatch.setattr(source, "_read_images", lambda: ((image, next(given), name) for image, _, name in read()))
     with pytest.warns(UserWarning, match=r"002.png, 0.1 s, is not after 0.1 s") as said:
         times = [frame.time for frame in source]
     assert times == [0.0, 0.1, None, None, None, 0.2]
@@ -249,8 +249,8 @@ def test_times_that_do_not_go_on_are_none(tmp_path: Path, monkeypatch: pytest.Mo
 def test_after_a_clock_was_set_back_times_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = open_source(plates(tmp_path / "images", 7))
     given = iter([0.0, 0.25, 0.5, -3600.0, -3599.75, -3599.25, 7200.0])
-    read = source._read
-    monkeypatch.setattr(source, "_read", lambda: ((image, next(given), name) for image, _, name in read()))
+    read = source._read_images
+    monkeypatch.setattr(source, "_read_images", lambda: ((image, next(given), name) for image, _, name in read()))
     with pytest.warns(UserWarning, match="after a clock that was set back times go on") as said:
         times = [frame.time for frame in source]
     assert times == [0.0, 0.25, 0.5, None, 1.0, 1.5, 10800.75]

@@ -467,7 +467,7 @@ def test_a_source_that_waits_for_a_device_is_left_at_once(tmp_path: Path) -> Non
             super().__init__()
             self.on_wait = lambda: None
 
-        def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+        def _read_images(self) -> Generator[tuple[Image, float | None, str], None, None]:
             yield plate(), 0.0, "frame 0"
             while True:
                 self.on_wait()

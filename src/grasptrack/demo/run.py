@@ -34,7 +34,7 @@ class RenderedSource(Source):
         self.count = len(frames)
         self._frames = frames
 
-    def _read(self) -> Generator[tuple[Pixels, float | None, str], None, None]:
+    def _read_images(self) -> Generator[tuple[Pixels, float | None, str], None, None]:
         for frame in self._frames:
             yield frame.image, frame.time, frame.name
 

@@ -118,9 +118,6 @@ def open_arm(url: str, source: Source) -> Arm:
 class TcpArm:
     """An arm that listens at tcp://HOST:PORT. It is sent a line for every order, and answers each; lost, it is tried again.
 
-    Args:
-        url: of the arm.
-
     Raises:
         InputError: the URL is none, or nobody listens there.
     """
@@ -128,7 +125,7 @@ class TcpArm:
     goal: Goal | None = None
 
     def __init__(self, url: str) -> None:
-        self._url, self._address = url, _parse_address(url)
+        self._address = _parse_address(url)
         self._lock, self._closing = threading.Lock(), threading.Event()
         self._link: socket.socket | None = None
         self._sequence = 0

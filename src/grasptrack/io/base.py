@@ -10,7 +10,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import cv2
@@ -124,7 +123,7 @@ class Source(ABC):
         self._running: Generator[tuple[Image, float | None, str], None, None] | None = None
 
     @abstractmethod
-    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+    def _read_images(self) -> Generator[tuple[Image, float | None, str], None, None]:
         """Images, their own times and their names, in order; whatever it holds open is released when it is closed.
 
         In the place of an image before `first` anything may be given that costs less.
@@ -145,7 +144,7 @@ class Source(ABC):
 
     def __iter__(self) -> Iterator[Frame]:
         self.close()
-        self._running = running = self._read()
+        self._running = running = self._read_images()
         size: tuple[int, ...] | None = None
         clock, index = _GoingTimes(), -1
         with contextlib.closing(running):
@@ -195,9 +194,7 @@ class Source(ABC):
         """The source itself; leaving closes it."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

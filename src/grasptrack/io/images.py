@@ -15,7 +15,7 @@ import itertools
 import os
 import re
 import warnings
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -231,8 +231,10 @@ class ImageSource(Source):
         self.names = tuple(p.name for p in paths)
         self.files = tuple(paths)
 
-    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
-        yield from read_all(self.files, self.first)
+    def _read_images(self) -> Generator[tuple[Image, float | None, str], None, None]:
+        to_eight = EightBits()
+        for k, path in enumerate(self.files):  # of those before the first only one is read, which sets the scale
+            yield UNREAD if 0 < k < self.first else to_eight(read_image(path)), None, path.name
 
 
 class PagesSource(Source):
@@ -246,7 +248,7 @@ class PagesSource(Source):
         self._path, self.count = path, count
         self.files = (path,)
 
-    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+    def _read_images(self) -> Generator[tuple[Image, float | None, str], None, None]:
         data, to_eight = read_file(self._path), EightBits()
         pages = self._tiff_pages(data) if data[:4] in TIFF else _pictures_in(data, f'"{self._path}"')
         for k, (image, time) in enumerate(pages):
@@ -267,13 +269,6 @@ class PagesSource(Source):
             if image is None:
                 raise SourceError(f'"{self._path}": page {page} cannot be read', path=str(self._path), page=page)
             yield image, None
-
-
-def read_all(paths: Iterable[Path], first: int = 0) -> Generator[tuple[Image, float | None, str], None, None]:
-    """The images of a sequence in 8 bits, without times; of those before `first` only one is read, which sets the scale."""
-    to_eight = EightBits()
-    for k, path in enumerate(paths):
-        yield UNREAD if 0 < k < first else to_eight(read_image(path)), None, path.name
 
 
 # --- images as files -------------------------------------------------------------------------------

@@ -24,14 +24,7 @@ COLUMNS = ("number", "part", "found", "mirrored", "confidence", "edge", "room_px
 def instances_to_dict(
     found: Sequence[Instance], name: str, shape: tuple[int, ...], options: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Every instance with its pose and contacts.
-
-    Args:
-        found: as `find` gives them.
-        name: the image's, as the user gave it.
-        shape: height and width of the image.
-        options: what was asked for.
-    """
+    """Every instance with its pose and contacts, of an image of a name, as the user gave it, and (height, width) px."""
     return {
         "format": INSTANCES_FORMAT,
         "image": image_entry(name, shape),
@@ -78,26 +71,13 @@ def write_instances_csv(path: Path, found: Sequence[Instance]) -> None:
             contacts = [] if one.contacts is None else [f"{v:.3f}" for v in one.contacts.ravel().tolist()]
             seen = [] if one.seen is None else [f"{v:.3f}" for v in one.seen.tolist()]
             room = "" if math.isinf(one.room) else f"{one.room:.1f}"
-            cells = [
-                number,
-                one.part,
-                int(one.found),
-                int(one.mirrored),
-                f"{one.confidence:.6f}",
-                f"{one.edge:.3f}",
-                room,
-            ]
-            cells += [*contacts, *[""] * (2 * most - len(contacts))]
-            rows.writerow([*cells, *seen, *[""] * (most - len(seen)), one.reason_code])
+            known = [number, one.part, int(one.found), int(one.mirrored), f"{one.confidence:.6f}", f"{one.edge:.3f}"]
+            contacts += [""] * (2 * most - len(contacts))
+            rows.writerow([*known, room, *contacts, *seen, *[""] * (most - len(seen)), one.reason_code])
 
 
 def parts_to_dict(parts: Sequence[KnownPart], files: Sequence[str]) -> dict[str, Any]:
-    """Parts on file with what is known of each.
-
-    Args:
-        parts: the parts.
-        files: their files, as the user gave them.
-    """
+    """Parts on file with what is known of each; their files are as the user gave them."""
     listed = [
         {
             "file": file,

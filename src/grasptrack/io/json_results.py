@@ -99,11 +99,8 @@ def inspection_to_dict(
 ) -> dict[str, Any]:
     """How well an object can be tracked, as plain values to six digits."""
     run, symmetry, settled = found.prediction, found.symmetry, found.settled
-    evidence = (
-        None
-        if settled is None
-        else dict(zip(("outline", "surface", "ground"), settled.contact_deviations, strict=True))
-    )
+    by = ("outline", "surface", "ground")
+    evidence = None if settled is None else dict(zip(by, settled.contact_deviations, strict=True))
     measured = {
         "level": found.level,
         "verdict": found.verdict,

@@ -57,11 +57,9 @@ class Device(Protocol):
             DeviceGoneError: the device was unplugged, or the stream has ended.
             SourceError: its images cannot be read, and will not be another time.
         """
-        ...
 
     def close(self) -> None:
         """Release it."""
-        ...
 
 
 class LiveSource(Source):
@@ -101,7 +99,7 @@ class LiveSource(Source):
         self._open_device = open_device
         self._patience = patience
 
-    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+    def _read_images(self) -> Generator[tuple[Image, float | None, str], None, None]:
         self.dropped = self.reconnected = 0
         clock, index = _Clock(), 0
         drain = _Drain(self._open_device, self._patience)

@@ -25,7 +25,7 @@ class PipedSource(Source):
 
     kind = "stdin"
 
-    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+    def _read_images(self) -> Generator[tuple[Image, float | None, str], None, None]:
         self.shortfall = ""
         stream: BinaryIO = sys.stdin.buffer
         if stream.isatty():

@@ -46,11 +46,9 @@ class Recording(Protocol):
 
     def write(self, frame: Frame, result: TrackResult) -> None:
         """Add one frame and what the tracker said of it."""
-        ...
 
     def close(self) -> None:
         """Make the file whole; may be called again."""
-        ...
 
 
 def open_recording(path: Path, *, quality: int | None = None, options: Callable[[], str] = str) -> Recording:

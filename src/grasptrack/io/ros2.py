@@ -37,18 +37,14 @@ class Published(NamedTuple):
     type: str
 
 
-def _type_of(mangled: str) -> str:
-    """sensor_msgs/msg/Image for sensor_msgs::msg::dds_::Image_."""
-    return mangled.replace("::dds_::", "::").replace("::", "/").rstrip("_")
-
-
 def published_in(tokens: list[str]) -> list[Published]:
     """The topics in keys of liveliness tokens, as rmw_zenoh writes them."""
     found = set()
     for key in tokens:
         parts = key.split("/")
         if len(parts) >= 12 and parts[0] == "@ros2_lv" and parts[5] == "MP":
-            found.add(Published(parts[9].replace("%", "/"), _type_of(parts[10])))
+            kind = parts[10].replace("::dds_::", "::").replace("::", "/").rstrip("_")  # sensor_msgs::msg::dds_::Image_
+            found.add(Published(parts[9].replace("%", "/"), kind))
     return sorted(found)
 
 
@@ -155,8 +151,6 @@ def open_topic(spec: str, fps: float | None = None, settings: Mapping[str, str] 
     domain, bits = int(numbers["domain"]), int(numbers["bits"])
     if not 9 <= bits <= 16:
         raise SourceError(f"the setting bits is 9 to 16, not {bits}", bits=bits)
-
-    def open_device() -> _Topic:
-        return _Topic(spec, topic, domain, endpoint, bits)
-
-    return LiveSource(spec, "ros2", f"topic {topic}", open_device, fps, patience)
+    return LiveSource(
+        spec, "ros2", f"topic {topic}", lambda: _Topic(spec, topic, domain, endpoint, bits), fps, patience
+    )

@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, cast
 
@@ -35,11 +36,9 @@ class Tracker(Protocol):
     @property
     def fingers(self) -> int:
         """Number of contacts of its grasp, k."""
-        ...
 
     def update(self, image: Any, time: float | None = None) -> TrackResult | SceneResult:
         """The answer for the next image; of one object, `mask` may stand for the image."""
-        ...
 
 
 def run_track(
@@ -223,10 +222,9 @@ class Run:
             except OSError as problem:  # such a video cannot be played, and takes the room of what can be read
                 problems.append(problem)
                 (self._output / "overlay.mp4").unlink(missing_ok=True)
-        files = {
-            name: self._output / name for name in FILES if (self._output / name).exists() and name != "summary.png"
-        }
+        files = {name: self._output / name for name in FILES[:-1] if (self._output / name).exists()}
         summary = self._tally.summary(seconds, "failed" if problems else ended, files)
+        page = FILES[-1:] if summary.frames and self._instances is None else ()
         said = {"error": error or " ".join(map(str, problems)), "shortfall": self._source.shortfall}
         if self._source.live:
             self._head["source"] |= {"dropped": self._source.dropped, "reconnected": self._source.reconnected}
@@ -238,15 +236,11 @@ class Run:
             **{k: v for k, v in said.items() if v},
             **self._head,
             **summary.figures(),
-            "files": [
-                name for name in FILES if name in files or (name == "summary.png" and self._has_summary(summary))
-            ],
+            "files": [*files, *page],
             **more,
         }
-        writers: tuple[Callable[[], None], ...] = (
-            lambda: write_json(self._output / "run.json", content),
-            lambda: self._write_summary(summary),
-        )
+        writers = [partial(write_json, self._output / "run.json", content)]
+        writers += [partial(self._write_summary, summary)] if page else []
         for write in writers:
             try:
                 write()
@@ -256,12 +250,7 @@ class Run:
             raise problems[0]
         return summary
 
-    def _has_summary(self, summary: RunSummary) -> bool:
-        return bool(summary.frames) and self._instances is None
-
     def _write_summary(self, summary: RunSummary) -> None:
-        if not self._has_summary(summary):
-            return
         from grasptrack.view.summary import write_summary
 
         picture = self._output / "summary.png"

@@ -64,7 +64,7 @@ class VideoSource(Source):
             rate = float(stream.average_rate or 0)
             self.fps = fps or (rate if rate > 0 else None)
             self.exact = stream.frames > 0
-            self.count = stream.frames or _estimate_frame_count(container, rate)
+            self.count = stream.frames or max(round((container.duration or 0) * 1e-6 * rate), 0) or None  # us
 
     def _open_container(self) -> Any:
         import av
@@ -97,7 +97,7 @@ class VideoSource(Source):
             told = "what is transparent in it is not read, and shows the colours beneath"
             warnings.warn(f'video "{self._path}": {told}', stacklevel=3)
 
-    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+    def _read_images(self) -> Generator[tuple[Image, float | None, str], None, None]:
         import av
 
         index, longest, last = 0, 0.0, math.nan
@@ -238,12 +238,6 @@ def _told_end(container: Any) -> float | None:
     if len(container.streams) == 1 and container.duration:
         return begins + float(container.duration) * 1e-6
     return None
-
-
-def _estimate_frame_count(container: Any, rate: float) -> int | None:
-    """Number of frames from the duration in microseconds, where the header gives one."""
-    count = round((container.duration or 0) * 1e-6 * rate)
-    return count if count > 0 else None
 
 
 DEFAULT_FPS = 25.0

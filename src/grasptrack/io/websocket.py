@@ -73,13 +73,10 @@ class WebSocketPeer:
                 "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
                 f"Sec-WebSocket-Accept: {proof}\r\n\r\n"
             ).encode()
-        why = (
-            f"pages of {origin} are not let in: --publish ws://...?origin={origin}"
-            if asked and key
-            else "a WebSocket is served here"
-        )
+        why, state = "a WebSocket is served here", "426 Upgrade Required\r\nUpgrade: websocket"
+        if asked and key:
+            why, state = f"pages of {origin} are not let in: --publish ws://...?origin={origin}", "403 Forbidden"
         body = f"{why}\n".encode("latin-1")
-        state = "403 Forbidden" if asked and key else "426 Upgrade Required\r\nUpgrade: websocket"
         return f"HTTP/1.1 {state}\r\nConnection: close\r\nContent-Length: {len(body)}\r\n\r\n".encode() + body
 
     def _answer_frame(self, kind: int, body: bytes) -> bytes:

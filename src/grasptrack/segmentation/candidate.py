@@ -247,10 +247,10 @@ def two_toned(shape: Silhouette, planes: Planes, px: int) -> tuple[float, float]
     """
     sides = tuple(map(_mean_along, _side_colors(shape, planes, px, SIDE_DEPTH)))
     contrast = float(np.median(np.linalg.norm(sides[0] - sides[1], axis=1)))
-    return _parted(sides[0], contrast), _parted(sides[1], contrast)
+    return _parted_share(sides[0], contrast), _parted_share(sides[1], contrast)
 
 
-def _parted(colours: Floats, contrast: float) -> float:
+def _parted_share(colours: Floats, contrast: float) -> float:
     """How plainly colours (n, C) along an outline of some contrast are those of two parts, 0 to 1."""
     n, centred = len(colours), colours - colours.mean(axis=0)
     sums = np.vstack([np.zeros((1, centred.shape[1])), np.cumsum(centred, axis=0)])

@@ -58,7 +58,6 @@ class Segmenter(Protocol):
 
     def regions(self, image: Pixels, hints: FirstImage) -> Sequence[Region]:
         """Regions that may be the object, the likeliest first."""
-        ...
 
 
 @runtime_checkable
@@ -67,7 +66,6 @@ class MaskSegmenter(Protocol):
 
     def segment(self, image: NDArray[Any]) -> NDArray[Any]:
         """(H, W) nonzero on objects, of an image (H, W) or (H, W, 3)."""
-        ...
 
 
 @runtime_checkable
@@ -81,7 +79,6 @@ class SegmenterMaker(Protocol):
 
     def make(self, argument: str) -> Segmenter:
         """The segmenter; of what stands behind the colon."""
-        ...
 
 
 class OneMask:

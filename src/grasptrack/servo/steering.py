@@ -99,12 +99,12 @@ class Steering:
                 self._zeros -= 1
                 return np.zeros(6)
             return None
-        twist = self._twist(now, pose, at)
+        twist = self._choose_twist(now, pose, at)
         if self.servo.over and not twist.any():
             self.stand_still()
         return twist
 
-    def _twist(self, now: float, pose: Floats | None, at: float) -> Floats:
+    def _choose_twist(self, now: float, pose: Floats | None, at: float) -> Floats:
         step, moved = now - self._now, at > self._at
         self._now, self._at = now, at
         self.why = self._why_not(step, pose, at)
@@ -113,7 +113,7 @@ class Steering:
             return self._sent
         if moved or self.command is None:  # a pose that was told before is no news
             assert pose is not None
-            self.command = self._command(pose, at)
+            self.command = self._ask_servo(pose, at)
         # it may have stood meanwhile, of which the servo knows nothing
         self._sent = self.servo.limits.reachable(self.command.twist, self._sent, min(step, OLD))
         return self._sent
@@ -129,7 +129,7 @@ class Steering:
             return "no grasp of an image since it was enabled"
         return ""
 
-    def _command(self, pose: Floats, at: float) -> Command:
+    def _ask_servo(self, pose: Floats, at: float) -> Command:
         """The servo's, with the newest answer whose image was taken while the way of the hand was known."""
         if self._origin is None:  # one call alone moved nothing, and many gaps in a row are a wrong clock
             passed = 0.0 if self.command is None else PAUSE if self._calls > 1 else OLD

@@ -43,7 +43,6 @@ class TransferStrategy(Protocol):
 
     def describe(self, grasp: Grasp, view: Outline) -> Any:
         """What stays the same of the grasp when the view changes (Section III)."""
-        ...
 
     def apply(self, description: Any, view: Outline, prior: Floats | None = None) -> Transfer:
         """The grasp with that description in another view (Section IV).
@@ -57,4 +56,3 @@ class TransferStrategy(Protocol):
         Raises:
             TransferError: the view does not allow it; the message is the reason.
         """
-        ...

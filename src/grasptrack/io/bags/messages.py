@@ -76,15 +76,8 @@ class MessageImages:
     def _decode_raw(self, message: Any, name: str) -> Image:
         check_size(message.width, message.height, name)
         form = ros_format(message.encoding)
-        data = np.frombuffer(message.data, np.uint8)
-        values = raw_image(
-            data,
-            message.width,
-            message.height,
-            form,
-            message.step,
-            big_endian=bool(getattr(message, "is_bigendian", 0)),
-        )
+        data, swapped = np.frombuffer(message.data, np.uint8), bool(getattr(message, "is_bigendian", 0))
+        values = raw_image(data, message.width, message.height, form, message.step, big_endian=swapped)
         return self._to_eight_bits(values, form)
 
     def _to_eight_bits(self, values: NDArray[Any], form: PixelFormat) -> Image:

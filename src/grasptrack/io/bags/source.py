@@ -20,8 +20,6 @@ from grasptrack.io.base import Image, Source
 from grasptrack.plugins import import_extra
 
 SUFFIXES = frozenset({".bag", ".mcap", ".db3"})
-
-
 _STORED = frozenset({".mcap", ".db3", ".bag", ".zstd", ".yaml"})
 """Suffixes of what a folder that is a bag consists of."""
 
@@ -74,7 +72,7 @@ class BagSource(Source):
         except Exception as error:
             raise SourceError(f'bag "{self._path}" cannot be read: {_one_line(error)}', path=str(self._path)) from None
 
-    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+    def _read_images(self) -> Generator[tuple[Image, float | None, str], None, None]:
         bag, index, messages = self._open_bag(), 0, MessageImages(self._topic.image_form, self._bits)
         self.shortfall = ""
         try:

@@ -163,8 +163,6 @@ def open_genicam(spec: str, fps: float | None = None, settings: Mapping[str, str
             f'there is no GenTL producer "{producer}": the camera\'s maker installs a file .cti', spec=spec
         )
     name = f"camera {serial}" if serial else "the GenICam camera"
-
-    def open_device() -> _GenICam:
-        return _GenICam(producer, serial, spec, name, address.settings)
-
-    return LiveSource(spec, "camera", name, open_device, fps, patience)
+    return LiveSource(
+        spec, "camera", name, lambda: _GenICam(producer, serial, spec, name, address.settings), fps, patience
+    )
