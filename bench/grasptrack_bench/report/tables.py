@@ -119,8 +119,8 @@ def value_of(row: MethodRow, key: str) -> float | int:
     return value
 
 
-def closing_table(folder: Path) -> tuple[Sequence[tuple[str, str]], list[list[str]]]:
-    """Heads with their alignment, and a row for each method over all cases; of videos also one for each method and video."""
+def closing_table(folder: Path) -> tuple[list[str], list[list[str]]]:
+    """Heads as of `show_rows`, and a row for each method over all cases; of videos also one for each method and video."""
     run = read_run(folder)
     summary = summarise_run(run)
     heads: Sequence[str] = CLOSING_HEADS
@@ -128,7 +128,7 @@ def closing_table(folder: Path) -> tuple[Sequence[tuple[str, str]], list[list[st
     if run.kind == "real":
         rows = sorted(summary.by_level, key=lambda row: summary.levels.index(row.level))
         heads, cells = VIDEO_HEADS, [_of_video(row) for row in (*rows, *summary.overall)]
-    return [(head, "left" if head in ("method", "video") else "right") for head in heads], cells
+    return ["<" * (head in ("method", "video")) + head for head in heads], cells
 
 
 def _cell_tint(term: Term, value: float, values: Sequence[float]) -> tuple[float | None, Tone]:

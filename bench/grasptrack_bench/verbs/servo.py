@@ -120,7 +120,7 @@ def _run_single(shapes: list[Any], asked: dict[str, Any], images: str, output: P
     files = [*(["approach.mp4"] if video else []), "approach.png", "approach.json"]
     show_rows(
         f"{row.shape}, {row.scenario}, {row.arm}, {row.fingers} fingers, {row.law} law, seed {row.seed}",
-        (("", "left"), ("", "left")),
+        ("<", "<"),
         rows,
         [f"{output}: {', '.join(files)}"],
     )
@@ -189,4 +189,4 @@ def _show_results(found: Trials, asked: dict[str, Any], output: Path) -> None:
     if found.resumed:
         notes.append(f"gone on with an interrupted run, in which {found.resumed} trials were done")
     title = f"{figures['trials']} trials over {figures['shapes']} shapes, {what}"
-    show_rows(title, (("", "left"), ("trials", "right"), ("", "left")), rows, notes)
+    show_rows(title, ("<", "trials", "<"), rows, notes)

@@ -13,18 +13,8 @@ from grasptrack.cli.terminal import format_number, show_rows, with_progress
 if TYPE_CHECKING:
     from grasptrack.typing import Progress
 
-_HEADS = (
-    ("strategy", "left"),
-    ("tracked", "right"),
-    ("unstable", "right"),
-    ("lost", "right"),
-    ("error px\nmedian", "right"),
-    ("\n95 %", "right"),
-    ("\nmax", "right"),
-    ("wrong", "right"),
-    ("ms\nmedian", "right"),
-    ("\n99 %", "right"),
-)
+_MEASURES = ("error px\nmedian", "\n95 %", "\nmax", "wrong", "ms\nmedian", "\n99 %")
+_HEADS = ("<strategy", "tracked", "unstable", "lost", *_MEASURES)
 FRAME_S = 0.05
 """s that a frame takes with all strategies; about as much again where it is filmed."""
 

@@ -21,15 +21,7 @@ if TYPE_CHECKING:
 
 NONE_FOUND = 3
 """Exit status when nothing is found."""
-_HEADS = (
-    ("#", "right"),
-    ("part", "left"),
-    ("contacts, px", "left"),
-    ("confidence", "right"),
-    ("edge", "right"),
-    ("room, px", "right"),
-    ("reason", "left"),
-)
+_HEADS = ("#", "<part", "<contacts, px", "confidence", "edge", "room, px", "<reason")
 
 
 def find(

@@ -17,7 +17,7 @@ from grasptrack.errors import InputError, ObservationError
 if TYPE_CHECKING:
     from grasptrack.trackability import Suitability
 
-_HEADS = (("", "left"), ("found", "left"), ("", "left"))
+_HEADS = ("<", "<found", "<")
 
 
 def inspect(

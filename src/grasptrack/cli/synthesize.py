@@ -23,20 +23,8 @@ if TYPE_CHECKING:
     from grasptrack.undistortion import Undistortion
     from grasptrack.view.grasps import Planned
 
-_HEADS = (
-    ("#", "right"),
-    ("contacts, px", "left"),
-    ("kind", "left"),
-    ("opening\npx", "right"),
-    ("margin", "right"),
-    ("slip\npx", "right"),
-    ("quality", "right"),
-    ("closure", "right"),
-    ("centre", "right"),
-    ("flat", "right"),
-    ("room", "right"),
-    ("span", "right"),
-)
+_TERMS = ("quality", "closure", "centre", "flat", "room", "span")
+_HEADS = ("#", "<contacts, px", "<kind", "opening\npx", "margin", "slip\npx", *_TERMS)
 
 
 def synthesize(
@@ -140,9 +128,9 @@ def _why_none(planned: Sequence[Planned]) -> str:
 
 def _show_results(planned: Sequence[Planned], scale: float | None, notes: list[str]) -> None:
     several = len(planned) > 1
-    heads = [*([("object", "right")] if several else []), *_HEADS]
+    heads = [*(["object"] if several else []), *_HEADS]
     if scale is not None:
-        heads.insert(heads.index(("margin", "right")), ("\nmm", "right"))
+        heads.insert(heads.index("margin"), "\nmm")
     rows, told = [], []
     for i, found in enumerate(planned):
         of = f"object {i + 1}: " if several else ""

@@ -24,15 +24,7 @@ if TYPE_CHECKING:
     from grasptrack.io.parts import Part
     from grasptrack.typing import Floats
 
-_HEADS = (
-    ("part", "left"),
-    ("file", "left"),
-    ("size, px", "right"),
-    ("size, mm", "right"),
-    ("holes", "right"),
-    ("grasps", "right"),
-    ("fingers", "right"),
-)
+_HEADS = ("<part", "<file", "size, px", "size, mm", "holes", "grasps", "fingers")
 KEPT = 5
 """Grasps that a part keeps where none is given."""
 

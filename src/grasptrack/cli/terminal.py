@@ -283,7 +283,7 @@ def show_run(summary: RunSummary, output: Path, notes: Iterable[str] = ()) -> No
 
 def show_rows(
     title: str,
-    heads: Sequence[tuple[str, str]],
+    heads: Sequence[str],
     rows: Sequence[Sequence[str]],
     notes: Iterable[str] = (),
     *,
@@ -291,8 +291,8 @@ def show_rows(
 ) -> None:
     """A table of short cells, and lines of text below it. Where the output is no terminal it is as wide as it needs.
 
-    Heads have a name and "left" or "right"; cells are printed as they are and not wrapped. So many of the last columns are
-    `optional`: left out where a terminal has no room for all.
+    Heads are names, with "<" before those of columns that begin at the left; cells are printed as they are and not wrapped. So
+    many of the last columns are `optional`: left out where a terminal has no room for all.
     """
     from rich.markup import escape
 
@@ -309,14 +309,14 @@ def show_rows(
     _print_warnings(console)
 
 
-def _result_table(title: str, heads: Iterable[tuple[str, str]], rows: Iterable[Iterable[str]]) -> Any:
+def _result_table(title: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> Any:
     from rich import box
     from rich.markup import escape
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False)
-    for name, justify in heads:
-        table.add_column(name, justify="right" if justify == "right" else "left", no_wrap=True)
+    for head in heads:
+        table.add_column(head.removeprefix("<"), justify="left" if head.startswith("<") else "right", no_wrap=True)
     for row in rows:
         table.add_row(*(escape(cell) for cell in row))
     return table

@@ -287,11 +287,7 @@ def _track_scene(
         raise InputError(f'"{source}": no instance of {", ".join(map(str, files))} was found')
     if not quiet:
         rows = [[str(number), names[number], *map(str, each)] for number, each in known.items()]
-        heads = [
-            ("instance", "right"),
-            ("part", "left"),
-            *((h, "right") for h in ("from frame", "to frame", "located")),
-        ]
+        heads = ("instance", "<part", "from frame", "to frame", "located")
         show_rows(f"Instances in {done} frames", heads, rows, [f"{output}: {', '.join(FILES[: 3 - no_video])}"])
 
 
@@ -329,7 +325,7 @@ def _track_each(videos: Mapping[str, Path], output: Path, quiet: bool, track_one
         cells = [figures.get("frames", ""), *(counts.get(s, "") for s in ("tracked", "unstable", "lost", "searching"))]
         rows.append([name, *map(str, cells)])
     if not quiet:
-        heads = [("video", "left"), *((n, "right") for n in ("frames", "tracked", "unstable", "lost", "searching"))]
+        heads = ("<video", "frames", "tracked", "unstable", "lost", "searching")
         show_rows("Videos, each in a folder of its own", heads, rows, [*failed.values(), f"folders: {output}"])
     if failed:
         first = next(iter(failed.values()))

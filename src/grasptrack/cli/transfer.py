@@ -24,14 +24,7 @@ if TYPE_CHECKING:
 
 REFUSED = 3
 """Exit status when every strategy refuses."""
-_HEADS = (
-    ("strategy", "left"),
-    ("contacts, px", "left"),
-    ("confidence", "right"),
-    ("off by, px", "right"),
-    ("stable", "left"),
-    ("margin", "right"),
-)
+_HEADS = ("<strategy", "<contacts, px", "confidence", "off by, px", "<stable", "margin")
 
 
 def transfer(
