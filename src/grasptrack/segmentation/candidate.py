@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import cv2
@@ -20,7 +21,7 @@ from grasptrack.grasp.force_closure import ON_OUTLINE
 from grasptrack.images import PLAIN, Channel, Grey
 from grasptrack.presentation import png_of, to_dict
 from grasptrack.segmentation.closed_edges import Planes
-from grasptrack.segmentation.localization import LocalizedContour, background_within, localize_contour, localize_holes
+from grasptrack.segmentation.localization import background_within, localize_contour, localize_holes
 from grasptrack.segmentation.silhouettes import Chain, Silhouette
 from grasptrack.typing import Floats, Pixels
 
@@ -161,34 +162,25 @@ def candidate_of_one_level(grey: Grey, shape: Silhouette, polarity: int, hidden:
 def candidate_of_edges(
     image: Pixels, planes: Planes | None, shape: Silhouette, hidden: Grey | None
 ) -> Candidate | None:
-    """The contours of a silhouette found by closed edges, in the mixture of colours that shows it best.
+    """The contours of a silhouette found by closed edges, in the mixture of colours of (H, W) or (H, W, 3) that shows it best.
 
-    None where it looks like no object, has no contour in the image, or is mostly cut by the border.
-
-    Args:
-        image: (H, W) or BGR (H, W, 3).
-        planes: of the image, for finding holes; None to skip them.
-        shape: the silhouette.
-        hidden: (H, W) nonzero where pixels are ignored.
+    None where it looks like no object, has no contour in the image, or is mostly cut by the border. Holes are found in the
+    image's planes, if given; pixels are ignored where `hidden` (H, W) is nonzero.
     """
     if not is_plausible_object(shape, image.shape):
         return None
 
-    def localized_contour(polarity: int) -> LocalizedContour:
-        return localize_contour(
-            grey, shape.outer, hole=False, polarity=polarity, hidden=hidden, reach=CLOSED_EDGE_REACH
-        )
-
+    localized = partial(localize_contour, chain=shape.outer, hole=False, hidden=hidden, reach=CLOSED_EDGE_REACH)
     grey = PLAIN.to_grey(image)
     try:
-        edge = localized_contour(0)
+        edge = localized(grey, polarity=0)
         channel = best_color_projection(image, edge.contour)
         if channel is not PLAIN:
             grey = channel.to_grey(image)
-            edge = localized_contour(0)
+            edge = localized(grey, polarity=0)
         polarity = polarity_of(grey, edge.contour)
         if polarity:
-            edge = localized_contour(polarity)
+            edge = localized(grey, polarity=polarity)
     except ContourError:
         return None
     if _is_mostly_cut(edge.contour):

@@ -147,11 +147,8 @@ class CandidateSearch:
         self._unmapped_snapper = OutlineSnapper(self._scene.edges)
         guided = self._voted and not self._masks_only
         self._snapper = OutlineSnapper(self._scene.edges, self._maps[-1]) if guided else self._unmapped_snapper
-        self._proposals = (
-            propose_masks(self._scene, shown)
-            if self._masks_only
-            else propose_silhouettes(self._scene, shown, ranked=ranked)
-        )
+        propose = propose_masks if self._masks_only else partial(propose_silhouettes, ranked=ranked)
+        self._proposals = propose(self._scene, shown)
         self._rough: dict[int, RoughOutline] = {}
         self.meant = [p for p in self._proposals if is_allowed(p.silhouette, said)]
 
@@ -259,12 +256,9 @@ class CandidateSearch:
         lie_on = [far <= allowed for far, allowed in away]
         # a hole may be an object of its own, and its outline that of the part round it as well: the part is rated higher
         near = min(away)[0] + SAME_EDGE
-        told = [
-            (c, r._replace(held=far <= near))
-            for (c, r), (far, _), on in zip(found, away, lie_on, strict=True)
-            if on or not any(lie_on)
-        ]
-        return sorted(told, key=lambda each: not each[1].held)
+        told = [(c, r._replace(held=far <= near)) for (c, r), (far, _) in zip(found, away, strict=True)]
+        chosen = [each for each, on in zip(told, lie_on, strict=True) if on or not any(lie_on)]
+        return sorted(chosen, key=lambda each: not each[1].held)
 
     def _with_probabilities(self, found: list[tuple[Candidate, _Rated]], rated: list[_Rated]) -> list[Candidate]:
         """Candidates with their probabilities."""
@@ -309,12 +303,9 @@ class CandidateSearch:
             raise ObservationError(f"the outline that was drawn is less than {MIN_EXTENT} px across")
         if not found:
             raise ObservationError("the outline that was drawn lies beyond the image for the most part")
-        return max((self._judge_drawn(candidate) for candidate in found), key=lambda candidate: candidate.returned)
-
-    def _judge_drawn(self, candidate: Candidate) -> Candidate:
-        """What a person drew, with its probability to be right."""
-        returned = self._unmapped_snapper.return_share(candidate.view.outer.points)
-        return candidate._replace(probability=drawn_probability(returned), returned=returned)
+        returned = [self._unmapped_snapper.return_share(candidate.view.outer.points) for candidate in found]
+        best = int(np.argmax(returned))
+        return found[best]._replace(probability=drawn_probability(returned[best]), returned=returned[best])
 
     def _localize_all(self, rated: list[_Rated]) -> list[tuple[Candidate, _Rated]]:
         """The likeliest as contours, each region once."""

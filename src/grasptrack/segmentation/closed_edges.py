@@ -54,15 +54,8 @@ class ClosingRecipe(NamedTuple):
 
 
 RECIPES = (
-    ClosingRecipe(0, 2.5, 1),
-    ClosingRecipe(0, 4.0, 2),
-    ClosingRecipe(0, 7.5, 3),
-    ClosingRecipe(0, 3.0, 6),
-    ClosingRecipe(0, 2.5, 8),
-    ClosingRecipe(0, 5.5, 8),
-    ClosingRecipe(1, 3.0, 3),
-    ClosingRecipe(1, 2.0, 3),
-    ClosingRecipe(1, 1.6, 4),
+    *(ClosingRecipe(0, *each) for each in ((2.5, 1), (4.0, 2), (7.5, 3), (3.0, 6), (2.5, 8), (5.5, 8))),
+    *(ClosingRecipe(1, *each) for each in ((3.0, 3), (2.0, 3), (1.6, 4))),
 )
 MAX_GAP = 0.125
 """Edge ends are linked across gaps of at most this share of the image's longer side, ..."""

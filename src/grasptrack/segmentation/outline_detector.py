@@ -364,12 +364,7 @@ def _is_cut_by_window(shape: Silhouette, window: Window, image: tuple[int, int])
     """Whether the silhouette reaches a side of the window that is not the image's own border."""
     (left, top, right, bottom), (width, height) = window, image
     x, y, w, h = shape.box
-    return (
-        (x <= left and left > 0)
-        or (y <= top and top > 0)
-        or (x + w >= right and right < width)
-        or (y + h >= bottom and bottom < height)
-    )
+    return x <= left > 0 or y <= top > 0 or x + w >= right < width or y + h >= bottom < height
 
 
 def _nearest_holes(holes: tuple[Chain, ...], centres: Floats) -> list[Chain]:

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.first_image import FirstImage
 from grasptrack.grasp.force_closure import ON_OUTLINE
@@ -166,7 +165,8 @@ class SilhouetteScorer:
         length, around = cv2.arcLength(ring, True), cv2.arcLength(cv2.convexHull(ring), True)
         compact = CIRCLE * shape.area / max(length, 1.0) ** 2
         # a closing shrinks back from the border by its radius
-        sides = self._near_image_sides(chain, 0.5 * bridge + 2.0 * self._shrink)
+        near, (x, y), (high, wide) = 0.5 * bridge + 2.0 * self._shrink, chain.T, self._size
+        sides = np.stack([x <= near, y <= near, x >= wide - 1 - near, y >= high - 1 - near])
         outside = sides.any(axis=0)
         shown = strength[~outside]
         return Rating(
@@ -178,11 +178,6 @@ class SilhouetteScorer:
             min(1.0, math.sqrt(around / sum(self._size))),
             _edge_share(shown) * max(_edge_contrast(shown), 0.0) if len(shown) else 0.0,
         )
-
-    def _near_image_sides(self, chain: NDArray[np.int32], near: float) -> NDArray[np.bool_]:
-        """(4, N) whether each pixel of the chain lies at each image side."""
-        (x, y), (high, wide) = chain.T, self._size
-        return np.stack([x <= near, y <= near, x >= wide - 1 - near, y >= high - 1 - near])
 
 
 def _edge_share(strength: Floats32) -> float:

@@ -42,7 +42,8 @@ def register_affine(image: NDArray[np.floating], other: NDArray[np.floating], ke
     for side in SIDES:
         shrink = max(1.0, max(one.shape) / side)
         small = [_flatten_light(_shrink_image(p, shrink)) for p in (one, two)]
-        mask = _shrink_mask(np.full(one.shape, 255, np.uint8) if kept is None else kept, small[0].shape)
+        mask = np.full(one.shape, 255, np.uint8) if kept is None else kept
+        mask = to_binary(cv2.resize(mask, small[0].shape[::-1], interpolation=cv2.INTER_AREA) > OPAQUE)
         began = _scale_motion(motion, 1.0 / shrink)
         try:
             _, found = cv2.findTransformECC(
@@ -65,15 +66,8 @@ def warp_affine(image: Floats32, motion: Floats, size: tuple[int, int], border: 
     """
     if np.array_equal(motion, STILL) and image.shape[:2] == size:
         return image
-    mode = cv2.BORDER_REPLICATE if border is None else cv2.BORDER_CONSTANT
-    moved = cv2.warpAffine(
-        image,
-        motion,
-        size[::-1],
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=mode,
-        borderValue=border or 0.0,
-    )
+    mode, how = cv2.BORDER_REPLICATE if border is None else cv2.BORDER_CONSTANT, cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    moved = cv2.warpAffine(image, motion, size[::-1], flags=how, borderMode=mode, borderValue=border or 0.0)
     return np.asarray(moved, dtype=np.float32).reshape(*size, *image.shape[2:])
 
 
@@ -96,11 +90,6 @@ def _largest_motion(motion: Floats, size: tuple[int, ...]) -> float:
     height, width = size
     corners = np.array([[0.0, 0.0, 1.0], [width, 0.0, 1.0], [0.0, height, 1.0], [width, height, 1.0]])
     return float(np.hypot(*(corners @ motion.T - corners[:, :2]).T).max())
-
-
-def _shrink_mask(mask: Pixels, size: tuple[int, ...]) -> Pixels:
-    small = cv2.resize(mask, (size[1], size[0]), interpolation=cv2.INTER_AREA)
-    return to_binary(np.asarray(small) > OPAQUE)
 
 
 def _scale_motion(motion: Floats, by: float) -> Floats:

@@ -137,10 +137,8 @@ class OutlineSnapper:
         points = points[None] + (polygons[:, :1] - polygons[:1, :1])
         steps = np.arange(-count, count + 1)
         at = points[:, :, None, :] + steps[None, None, :, None] * normals[None, :, None, :]
-        slope = np.abs(
-            _read_bilinear(self._across, at) * normals[None, :, None, 0]
-            + _read_bilinear(self._along, at) * normals[None, :, None, 1]
-        )
+        x, y = (normals[None, :, None, axis] for axis in (0, 1))
+        slope = np.abs(_read_bilinear(self._across, at) * x + _read_bilinear(self._along, at) * y)
         gain = np.clip(slope, numbers.least, numbers.most) - numbers.least
         gain -= numbers.away * np.abs(steps) + steps**2 / (2.0 * numbers.spread**2)
         odds = numbers.colour * np.stack([self._colour_odds(p, normals, count, pool) for p in points])
