@@ -125,14 +125,8 @@ def track(
         reading = (source, images, start)
         _track_scene(reading, scene, (grasp.risk, first.ignore, known.belt), (output, recording, no_video, quiet))
         return
-    asked = {
-        **as_asked(grasp, hand, images, known),
-        **first.as_written(),
-        **recording.as_written(),
-        "publish": publish,
-        "start": start,
-        "video": not no_video,
-    }
+    asked = {**as_asked(grasp, hand, images, known), **first.as_written(), **recording.as_written()}
+    asked |= {"publish": publish, "start": start, "video": not no_video}
     said = first.first_image(grasp.given_contacts())
     tracking = first_image.tracker_settings(grasp, first, hand, known)
 
@@ -245,23 +239,12 @@ def _track_scene(
     files = part_files(scene.part or [])
     frames = open_source(source, images.fps, settings=images.camera_settings()).start_at(start)
     every = scene.look_every or (None if frames.live else LOOK_EVERY)
-    tracker = SceneTracker(
-        load_parts(files),
-        risk=risk,
-        ignore=first_image.read_ignored(ignore),
-        belt=first_image.parse_belt(belt),
-        look_every=every,
-    )
+    parts, ignored, moving = load_parts(files), first_image.read_ignored(ignore), first_image.parse_belt(belt)
+    tracker = SceneTracker(parts, risk=risk, ignore=ignored, belt=moving, look_every=every)
     read = [*frames.files, *files, *([] if ignore is None else [Path(ignore)])]
     keep_inputs([*(output / name for name in FILES), *recording.files()], read)
-    asked = {
-        "parts": list(map(str, files)),
-        "risk": risk,
-        "ignore": ignore,
-        "belt": belt,
-        "look_every": every,
-        "start": start,
-    }
+    asked = {"parts": list(map(str, files)), "risk": risk, "ignore": ignore, "belt": belt}
+    asked |= {"look_every": every, "start": start}
     recordings = recording.open_recordings(asked)
     quiet, done = quiet or recording.jsonl == "-", 0
     known: dict[int, list[int]] = {}

@@ -115,14 +115,8 @@ def transfer(
     if lens is not None:
         view, at = lens.view_seen(view), lens.points_seen(at)
     found = _Found.all_refused(refusal) if pair is None else _Found.from_pair(pair, other.lens)
-    asked = {
-        **as_asked(grasp),
-        "fingers": count,
-        "object": object_a,
-        "object_b": object_b,
-        "ignore": ignore,
-        "camera": camera,
-    }
+    asked = {**as_asked(grasp), "fingers": count, "object": object_a, "object_b": object_b}
+    asked |= {"ignore": ignore, "camera": camera}
     files = _write_files(output, (image_a, image_b), (images[0], view, at), images[1], found, asked)
     if json_ and not quiet:
         typer.echo(files[0].read_text(encoding="utf-8").rstrip())

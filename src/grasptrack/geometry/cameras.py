@@ -146,11 +146,9 @@ class Camera:
         """(N, 2, 2) derivatives of the px seen by the ideal px, at points (N, 2) in ideal px."""
         p = np.asarray(points, dtype=np.float64)
         A = self.matrix[:2, :2]
-        slopes = (
-            self._distortion_jacobian(self._pixels_to_rays(p))
-            if self.distorted
-            else np.broadcast_to(np.eye(2), (*p.shape, 2))
-        )
+        slopes = np.broadcast_to(np.eye(2), (*p.shape, 2))
+        if self.distorted:
+            slopes = self._distortion_jacobian(self._pixels_to_rays(p))
         return np.asarray(A @ slopes @ np.linalg.inv(A), dtype=np.float64)
 
     @arguments.checked(points=arguments.array(..., 2))

@@ -446,8 +446,5 @@ def as_outline(given: OutlineLike) -> Outline:
 
 def as_view(outline: OutlineLike) -> View:
     """The outline as a View; a View comes back as it is."""
-    return (
-        outline
-        if isinstance(outline, View)
-        else View(Contour(outline) if not isinstance(outline, Contour) else outline)
-    )
+    given = as_outline(outline)
+    return given if isinstance(given, View) else View(given)

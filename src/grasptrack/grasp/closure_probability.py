@@ -165,15 +165,8 @@ class ClosureCheck:
         """In the view of the choice, where the contacts are by definition."""
         if plane is not self._plane:
             self._update_rectification(plane)
-        stays = 1.0 if self._analysis.stable else 0.0
-        return Judgement(
-            self._analysis,
-            self._margin_sd,
-            self.in_image(self._contacts, np.eye(3)),
-            self._closes,
-            stays,
-            self._settled,
-        )
+        stays, here = 1.0 if self._analysis.stable else 0.0, self.in_image(self._contacts, np.eye(3))
+        return Judgement(self._analysis, self._margin_sd, here, self._closes, stays, self._settled)
 
     def judge(
         self,

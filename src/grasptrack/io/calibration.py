@@ -28,12 +28,7 @@ _MODELS: dict[str, Model] = {
     **dict.fromkeys(("equidistant", "fisheye", "kannalabrandt", "opencvfisheye", "kannalabrandt4"), "fisheye"),
     "distortionkannalabrandt4": "fisheye",
 }
-_INVERSE = (
-    "inversebrownconrady",
-    "distortioninversebrownconrady",
-    "modifiedbrownconrady",
-    "distortionmodifiedbrownconrady",
-)
+_INVERSE = tuple(f"{before}{kind}brownconrady" for before in ("", "distortion") for kind in ("inverse", "modified"))
 """RealSense's, which lead from seen px to ideal ones: without coefficients they are as any."""
 _FOREIGN = {r"<u0>": "is one of ViSP", r"ParGroup\b": "is one of HALCON"}
 """What is told apart by a pattern in its text, and not read."""

@@ -39,17 +39,9 @@ from grasptrack.live.servo_desk import ServoDesk
 from grasptrack.live.session import LiveSession
 from grasptrack.live.state import CurvePoint, Shown
 
-PAGE = {
-    "index.html": "text/html",
-    "style.css": "text/css",
-    "app.js": "text/javascript",
-    "connection.js": "text/javascript",
-    "picture.js": "text/javascript",
-    "servo.js": "text/javascript",
-    "tools.js": "text/javascript",
-    "charts.js": "text/javascript",
-    "icon.svg": "image/svg+xml",
-}
+_SCRIPTS = ("app", "connection", "picture", "servo", "tools", "charts")
+PAGE = {"index.html": "text/html", "style.css": "text/css", "icon.svg": "image/svg+xml"}
+PAGE |= {f"{script}.js": "text/javascript" for script in _SCRIPTS}
 TYPES = {".csv": "text/csv", ".json": "application/json", ".mp4": "video/mp4", ".png": "image/png"}
 MOST_CLIENTS = 16
 AHEAD = 2
@@ -319,14 +311,9 @@ class Conversation(Talk):
 
     async def _send_messages(self) -> None:
         number, image, charted = 0, 0, 0
-        hello = {
-            "hello": {
-                "hover": self._session.can_hover,
-                "source": self._session.source_name,
-                "servo": self._session.servo is not None,
-            }
-        }
-        await self._socket.send_text(json.dumps(hello))
+        session = self._session
+        hello = {"hover": session.can_hover, "source": session.source_name, "servo": session.servo is not None}
+        await self._socket.send_text(json.dumps({"hello": hello}))
         while True:
             shown = await self._hub.next_moment(number)
             charted, curves = self._session.curves.points_since(charted)

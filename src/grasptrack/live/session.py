@@ -84,12 +84,8 @@ class LiveSession(SessionLoop):
         self._first_meant, self._at_once = meant or FirstImage(), at_once
         self._nothing_meant = self._first_meant.of_no_object()
         fingers = max(CONTACTS, settings.fingers, len(self._first_meant.grasp or ()))
-        of_settings: dict[str, Any] = {
-            "friction": settings.friction,
-            "fingers": settings.fingers,
-            "unit": settings.unit,
-        }
-        shown = Shown(meant=self._nothing_meant, live=source.live, count=source.count, **of_settings)
+        shown = Shown(meant=self._nothing_meant, live=source.live, count=source.count)
+        shown = replace(shown, friction=settings.friction, fingers=settings.fingers, unit=settings.unit)
         super().__init__(source, output, fingers, shown, options or {}, record_as, pace)
         self.servo = servo
         self._desk = WireDesk()
@@ -215,16 +211,8 @@ class LiveSession(SessionLoop):
             self._inbox.keep_images()
         self._question += 1
         question, settings = self._question, self._settings
-        self._set_shown(
-            phase="looking",
-            image=image,
-            arrival=arrival,
-            result=None,
-            proposal=None,
-            verdict=None,
-            meant=meant,
-            paused=False,
-        )
+        cleared = dict.fromkeys(("result", "proposal", "verdict"))
+        self._set_shown(phase="looking", image=image, arrival=arrival, meant=meant, paused=False, **cleared)
         self._advisor.add_job(lambda: propose_object(question, image, arrival, meant, settings), "propose")
 
     def _on_proposal(self, proposal: Proposal) -> None:

@@ -122,11 +122,9 @@ class PromptableNet:
         The image is encoded once; further calls with the same pixels ask the decoder alone.
         """
         self._encode_image(image)
-        found = [
-            mask
-            for points, labels in _prompts_for(image.shape, hints)
-            for mask in self._decode_prompt(points, labels, image.shape)
-        ]
+        found: list[_Mask] = []
+        for points, labels in _prompts_for(image.shape, hints):
+            found += self._decode_prompt(points, labels, image.shape)
         kept: list[_Mask] = []
         for mask in sorted(found, key=lambda mask: -mask.score):
             if (
@@ -230,10 +228,8 @@ class PromptableNet:
                 given["mask_input"] = np.zeros((1, 1, *side))
             feed[each.name] = given[each.name].astype(TYPES.get(each.type, np.float32))
         values = _run_session(self._decoder, feed, self.decoder)
-        masks, scores = (
-            np.asarray(values[self._masks], np.float32),
-            np.asarray(values[self._scores], np.float32).ravel(),
-        )
+        masks, scores = (np.asarray(values[which], np.float32) for which in (self._masks, self._scores))
+        scores = scores.ravel()
         if masks.ndim != 4 or masks.shape[0] != 1 or masks.shape[1] != len(scores):
             raise InputError(
                 f'"{self.decoder}" gives masks {masks.shape} and {len(scores)} scores, not (1, n, h, w) and n',

@@ -73,9 +73,8 @@ def reasons_of(found: Findings) -> tuple[Reason, ...]:
     drawn = None if found.prediction is None else found.prediction.drawn
     if drawn is not None and drawn.located < drawn.images:
         text = f"lost in {drawn.images - drawn.located} of {drawn.images} rendered images: {drawn.reason}"
-        listed.append(
-            Reason(text, "" if found.looks.clear * (1.0 - COVER) < HALF else _clearer_edge_advice(found.looks))
-        )
+        advice = "" if found.looks.clear * (1.0 - COVER) < HALF else _clearer_edge_advice(found.looks)
+        listed.append(Reason(text, advice))
     return tuple(listed)
 
 
@@ -132,12 +131,9 @@ def _of_outline(found: Findings) -> list[Reason]:
     if not whole.observable and whole.unswayed >= HARDLY:
         return [Reason("the noise of its edges hides a tilt", _clearer_edge_advice(looks))]
     if not whole.observable:
-        mixed = _confused_with_tilt(found.motions)
-        text = (
-            f"a tilt cannot be told from {_join_names(mixed)} by this outline"
-            if mixed
-            else "a tilt is not shown by this outline"
-        )
+        mixed, text = _confused_with_tilt(found.motions), "a tilt is not shown by this outline"
+        if mixed:
+            text = f"a tilt cannot be told from {_join_names(mixed)} by this outline"
         return [Reason(text, "begin with the whole object in view" if looks.clipped else NO_TURN)]
     if found.refusal:
         return [Reason(found.refusal, "another grasp, nearer to where the outline bends")]
@@ -243,22 +239,12 @@ def report_rows(found: Suitability) -> list[Entry]:
 def _grasp_rows(found: Suitability, grasp: Held) -> list[Entry]:
     run = found.prediction
     error = format_px(found.error_px) if math.isfinite(found.error_px) else "not known"
-    listed = [
-        Entry(
-            "grasp",
-            f"{grasp.opening:.0f} px wide",
-            f"margin {math.degrees(grasp.margin):.0f}°, closes with {100.0 * grasp.chance:.0f} % chance",
-        ),
-        Entry("error", error, "of the worst contact, rms over a run"),
-    ]
+    closes = f"margin {math.degrees(grasp.margin):.0f}°, closes with {100.0 * grasp.chance:.0f} % chance"
+    listed = [Entry("grasp", f"{grasp.opening:.0f} px wide", closes)]
+    listed.append(Entry("error", error, "of the worst contact, rms over a run"))
     if run is not None:
-        listed.append(
-            Entry(
-                "located",
-                f"{100.0 * run.located:.0f} %",
-                f"expected of a run; {run.drawn.located} of {run.drawn.images} rendered images",
-            )
-        )
+        told = f"expected of a run; {run.drawn.located} of {run.drawn.images} rendered images"
+        listed.append(Entry("located", f"{100.0 * run.located:.0f} %", told))
     return listed
 
 

@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -79,23 +80,13 @@ class FoxgloveRecording:
         m = self._messages
         colour = m.Color(**dict(zip("rgb", (part / 255.0 for part in STATUS_RGB[result.status]), strict=True)), a=1.0)
         white = m.Color(r=1.0, g=1.0, b=1.0, a=1.0)
-
-        def closed_line(points: Floats, color: Any) -> Any:
-            return m.PointsAnnotation(
-                timestamp=at,
-                type=m.PointsAnnotationType.LineLoop,
-                points=self._foxglove_points(points),
-                outline_color=color,
-                thickness=_THICKNESS,
-            )
-
-        loops = [closed_line(c.points, colour) for c in (() if result.view is None else result.view.contours)]
-        loops += [closed_line(ellipse, white) for ellipse in covariance_ellipses(result)]
+        loop = partial(m.PointsAnnotation, timestamp=at, type=m.PointsAnnotationType.LineLoop, thickness=_THICKNESS)
+        curves = [(c.points, colour) for c in (() if result.view is None else result.view.contours)]
+        curves += [(ellipse, white) for ellipse in covariance_ellipses(result)]
+        loops = [loop(points=self._foxglove_points(points), outline_color=color) for points, color in curves]
         contacts = [] if result.contacts is None else self._foxglove_points(result.contacts)
-        circles = [
-            m.CircleAnnotation(timestamp=at, position=p, diameter=8.0, thickness=_THICKNESS, outline_color=colour)
-            for p in contacts
-        ]
+        circle = partial(m.CircleAnnotation, timestamp=at, diameter=8.0, thickness=_THICKNESS, outline_color=colour)
+        circles = [circle(position=p) for p in contacts]
         corner = m.Point2(x=8.0, y=20.0)
         text = m.TextAnnotation(
             timestamp=at, position=corner, text=status_line(result), font_size=14.0, text_color=colour
