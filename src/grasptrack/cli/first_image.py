@@ -233,11 +233,7 @@ def parse_pair(text: str, option: str, wanted: str = "a pixel written x,y") -> P
 
 
 def parse_belt(text: str | None) -> Point | None:
-    """The velocity of --belt; None where it was not given.
-
-    Raises:
-        InputError: anything else.
-    """
+    """The velocity of --belt; None where it was not given."""
     return None if text is None else parse_pair(text, "--belt", "a velocity in px/s written vx,vy")
 
 

@@ -209,11 +209,7 @@ def track(
 
 
 def _refuse_unsuited(*groups: Any) -> None:
-    """See that nothing is asked for that --all has no use for.
-
-    Raises:
-        InputError: it is.
-    """
+    """See that nothing is asked for that --all has no use for; an InputError names what is."""
     suited = ("risk", "ignore", "belt", "jsonl", "outline_in_jsonl")
     for each in (each for group in groups for each in fields(group)):
         value = next(getattr(group, each.name) for group in groups if hasattr(group, each.name))

@@ -84,10 +84,7 @@ class Judgement(NamedTuple):
 class ClosureCheck:
     """Judges a grasp in the object's own plane, image after image: perspective bends friction cones.
 
-    Args:
-        grasp, view: contacts and outline in the view of its choice.
-        friction: Coulomb coefficient.
-        width: px, of a finger's pad in that view.
+    Of contacts, outline and a finger's width, px, in the view of the grasp's choice, and Coulomb's coefficient of friction.
     """
 
     def __init__(self, grasp: Grasp, view: View, friction: float, width: float) -> None:

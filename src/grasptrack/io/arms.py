@@ -68,11 +68,7 @@ class Report(NamedTuple):
 
 
 class Arm(Protocol):
-    """An arm; its methods return at once.
-
-    Attributes:
-        goal: the servo's, where the arm knows it by itself.
-    """
+    """An arm; its methods return at once. It may know the servo's `goal` by itself."""
 
     goal: Goal | None
 

@@ -71,10 +71,7 @@ class Backlog(Generic[T]):
     A first look takes as long as many images. Who goes on with the newest one has to bridge all that moved meanwhile, and an
     object that looks the same after a turn is ambiguous from then on. What came is therefore handed out in order, thinned
     evenly where it would take too much memory. What comes while that is worked on follows, for as long as it is half
-    as much each time: one who does not keep up goes on with the newest.
-
-    Args:
-        most: bytes that kept items may take; two are kept in any case.
+    as much each time: one who does not keep up goes on with the newest. Kept items take at most `most` bytes, but two are kept.
     """
 
     def __init__(self, most: int = HELD_BYTES) -> None:

@@ -40,11 +40,7 @@ def driver_message(error: Exception) -> str:
 
 
 class Device(Protocol):
-    """Something open that gives images.
-
-    Attributes:
-        missed: images that the device itself dropped since this was last set to 0.
-    """
+    """Something open that gives images; `missed` ones it dropped by itself since that was last set to 0."""
 
     missed: int
 

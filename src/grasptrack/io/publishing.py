@@ -203,11 +203,7 @@ def _hang_up(link: socket.socket) -> None:
 
 
 class ResultPublisher:
-    """Listens from the beginning, and sends while it is open as a context.
-
-    Attributes:
-        url: at which it listens, with the port that it has.
-    """
+    """Listens from the beginning, at `url` with the port that it has, and sends while it is open as a context."""
 
     def __init__(self, address: PublishAddress) -> None:
         self._form, self._gap = address.form, 1.0 / address.rate

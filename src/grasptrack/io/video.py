@@ -186,10 +186,7 @@ class UprightImages:
     """Pictures as they are to be seen: turned and mirrored as the header asks, with square pixels, in 8 bits.
 
     Values of 16 bits, which do not tell how many are used, have one scale for all of a video, and what is transparent is
-    black, see `EightBits`.
-
-    Args:
-        stream: PyAV's, of whose pixels the aspect is told; None where there is none.
+    black, see `EightBits`. PyAV's stream tells the aspect of its pixels; without one they are square.
     """
 
     def __init__(self, stream: Any = None) -> None:
@@ -250,11 +247,8 @@ _QUALITY = {"crf": "20", "preset": "veryfast", "threads": "1"}
 class VideoWriter:
     """Writes BGR images of one size to an MP4 file, which begins with the first image and is playable once closed.
 
-    Sides are made even, as the format wants them, by repeating the last row or column.
-
-    Args:
-        path: the file, written over.
-        fps: frames/s, constant; None, or what is beyond belief, for 25.
+    Sides are made even, as the format wants them, by repeating the last row or column. A file that exists is written over.
+    Frames/s are constant; None, or what is beyond belief, stands for 25.
     """
 
     def __init__(self, path: Path, fps: float | None = None) -> None:

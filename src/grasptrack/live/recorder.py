@@ -33,11 +33,7 @@ class OverlayVideo:
 
 
 class Recordings:
-    """The recordings of a run: recording-001, recording-002 and so on.
-
-    Attributes:
-        figures: of each that has ended, its name and how many images were written and dropped, for run.json.
-    """
+    """The recordings of a run: recording-001, recording-002 and so on, with `figures` for run.json of each that has ended."""
 
     def __init__(
         self, folder: Path, suffix: str, fps: float | None, waits: bool, ended: Callable[[WriterThread], None]

@@ -42,11 +42,9 @@ WORDS: dict[str, tuple[str, Status]] = {
 
 
 class HoldSwitch:
-    """Held by one at most, and only for as long as that one goes on saying so. Threads may share it.
+    """Held by one `holder` at most, and only for as long as that one goes on saying so. Threads may share it.
 
-    Attributes:
-        holder: who presses it; None.
-        why: why it was let go of last; empty where nothing is to be told.
+    It tells `why` it was let go of last; empty where nothing is to be told.
     """
 
     def __init__(self) -> None:
@@ -84,10 +82,6 @@ class HoldSwitch:
             if self.holder is not None and now > self._until:
                 self.holder, self.why = None, LATE
             return self.holder is not None and self._said
-
-    def forget_why(self) -> None:
-        """What came of the last time is told no more."""
-        self.why = ""
 
 
 @dataclass
@@ -173,7 +167,7 @@ class ServoDesk:
         """Stand; a new approach begins when the switch is pressed again. What was learnt of the camera is learnt anew."""
         with self._lock:
             self.switch.let_go(why)
-            self.switch.forget_why()
+            self.switch.why = ""  # what came of the last time is told no more
             if self._steering is not None:
                 self._steering.stand_still()
             self._steering = None

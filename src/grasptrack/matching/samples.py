@@ -188,12 +188,8 @@ def align_parts(a: Sampled, b: Sampled) -> Floats:
 
 
 class Whitened(NamedTuple):
-    """Outlines after the affine maps that make their areas' second moments 1, at equal steps of their lengths.
-
-    Attributes:
-        spectra: (n, COUNT) their transforms, of unit norm.
-        maps: (n, 3, 3) from the outline, px, to what was transformed.
-    """
+    """Outlines after the affine maps that make their areas' second moments 1, at equal steps of their lengths: their
+    transforms (n, COUNT), of unit norm, and the maps (n, 3, 3) from the outline, px, to what was transformed."""
 
     spectra: Spectra
     maps: Floats

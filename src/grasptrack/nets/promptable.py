@@ -69,13 +69,8 @@ class _Frame(NamedTuple):
 
 
 class _Mask(NamedTuple):
-    """An answer of the decoder.
-
-    Attributes:
-        score: predicted overlap with the truth, 0 to 1.
-        logits: (h, w), over the image alone.
-        cells: of the logits per px of the image, along x and y.
-    """
+    """An answer of the decoder: its predicted overlap with the truth, 0 to 1, (h, w) logits over the image alone, and how many
+    cells of these there are per px of the image, along x and y."""
 
     score: float
     logits: Floats32

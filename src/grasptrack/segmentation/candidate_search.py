@@ -103,12 +103,7 @@ class _Rated(NamedTuple):
 
 
 class RoughOutline:
-    """A region that may be an object, and its sub-pixel contour where that is asked for.
-
-    Attributes:
-        proposal: of it.
-        view: its boundary, of whole px.
-    """
+    """A region that may be an object: its proposal, a view of whole px, and its sub-pixel contour where that is asked for."""
 
     def __init__(self, proposal: OutlineProposal, view: View, localize: Callable[[], Candidate | None]) -> None:
         self.proposal, self.view, self._localize = proposal, view, localize
@@ -120,11 +115,7 @@ class RoughOutline:
 
 
 class CandidateSearch:
-    """One image: what is proposed in it, and what becomes of that.
-
-    Attributes:
-        meant: the proposals that may be meant by what is said.
-    """
+    """One image: what is proposed in it, what of that may be `meant` by what is said, and what becomes of it."""
 
     def __init__(self, colours: Pixels, said: FirstImage, segmenter: Segmenter | None, *, ranked: bool = True) -> None:
         self._masks_only = isinstance(segmenter, OneMask)

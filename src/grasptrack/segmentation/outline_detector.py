@@ -75,14 +75,7 @@ class _Levels(NamedTuple):
 
 @dataclass(frozen=True)
 class _Search:
-    """A search of the whole image.
-
-    Attributes:
-        area: px^2, last known area of the outline.
-        turn: number of this search.
-        unlike: see `OutlineDetector.views_anywhere`.
-        seen: outlines that have been examined.
-    """
+    """A search of the whole image, its first three as of `OutlineDetector.views_anywhere`; outlines that have been `seen`."""
 
     area: float
     turn: int

@@ -414,10 +414,7 @@ class _Evidence:
 class ClassicalIBVS:
     """The textbook's law: stands where `Estimate` stands, and the object rests where the nominal camera saw it last.
 
-    Args:
-        seen: the first sighting.
-        believed: the camera and the distance at that time.
-        centre: (2,) px, the middle of the image.
+    Camera and distance are as believed at the first sighting; `centre` (2,) px is the middle of the image.
     """
 
     linearised_at_goal = True

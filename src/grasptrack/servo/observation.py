@@ -103,14 +103,7 @@ def block_diagonal(noise: Floats) -> Floats:
 
 
 class ObservationStack(NamedTuple):
-    """Observations of the same points.
-
-    Attributes:
-        times: (N,) s, after a common time.
-        hands: (N, 4, 4) poses.
-        points: (N, n, 2) px.
-        noise: (N, n, 2, 2) px^2.
-    """
+    """Observations of the same points: (N,) s after a common time, (N, 4, 4) poses, (N, n, 2) px and (N, n, 2, 2) px^2."""
 
     times: Floats
     hands: Floats

@@ -130,10 +130,7 @@ class Stage:
 
     What comes into view goes on as the border was.
 
-    Args:
-        image: (H, W) or BGR (H, W, 3).
-        channel: the mixture of colours that shows the object.
-        noise: grey levels, standard deviation of a pixel.
+    It is (H, W) or BGR (H, W, 3); `channel` shows the object, and a pixel's standard deviation is `noise` grey levels.
     """
 
     def __init__(self, image: NDArray[np.uint8], channel: Channel, noise: float) -> None:

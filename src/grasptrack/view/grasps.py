@@ -200,7 +200,8 @@ def _close_up(figure: Any, picture: NDArray[np.uint8], panel: Panel, found: Plan
         return False
     place = left + (width - size[0]) * (corner % 2), bottom + (height - size[1]) * (corner < 2), *size
     inset = add_panel(figure, picture, near, place)
-    inset.draw_border()
+    for side in inset.axes.spines.values():
+        side.set(visible=True, color="white", linewidth=2.0)
     inset.draw_neighbours(found.neighbours)
     inset.draw_outline(found.outline, 1.6)
     inset.draw_grasp(grasp, found.outline, friction)

@@ -248,11 +248,6 @@ class Panel:
         for side in axes.spines.values():
             side.set_visible(False)
 
-    def draw_border(self) -> None:
-        """A white border, for a panel that lies on another one."""
-        for side in self.axes.spines.values():
-            side.set(visible=True, color="white", linewidth=2.0)
-
     def draw_rectangle(self, part: Window) -> None:
         """A white rectangle round a part."""
         left, top, right, bottom = part

@@ -53,11 +53,9 @@ def stamp_of(message: Any) -> int | None:
 
 
 class MessageImages:
-    """The images of one topic's messages, in order, as grey (H, W) or BGR (H, W, 3), 8 bits.
+    """The images of one topic's "raw", "compressed" or "video" messages, in order, as grey (H, W) or BGR (H, W, 3), 8 bits.
 
-    Args:
-        kind: "raw", "compressed" or "video".
-        bits: that deeper values use, from 9 to 16; None takes what suits the first image, for all of them.
+    Deeper values use so many `bits`, from 9 to 16; None takes what suits the first image, for all of them.
     """
 
     def __init__(self, kind: str, bits: int | None = None) -> None:
