@@ -16,6 +16,7 @@ from grasptrack.cli.main import main
 from grasptrack.io.columns import csv_columns
 from program import whole_program
 from recordings import plates
+from research.paper.dragging import data_of_page
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -115,6 +116,10 @@ def test_links_lead_somewhere(page: str) -> None:
 def test_a_page_says_what_the_code_says(path: Path) -> None:
     written = path.read_text(encoding="utf-8")
     assert written == written_pages.pages()[path], f"{written_pages.COMMAND} writes another {path.name}: run it"
+
+
+def test_the_outlines_that_a_reader_drags_are_the_built_in_ones() -> None:
+    assert text("transfers-data.js") == data_of_page(), "python -m research.paper.dragging writes others: run it"
 
 
 def test_every_verb_has_its_section() -> None:
