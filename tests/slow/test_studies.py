@@ -161,8 +161,8 @@ def test_notebooks_run(notebook: Path) -> None:
     assert sum("image/png" in data for data in shown) >= 1
 
 
-def test_there_are_four() -> None:
-    assert len(NOTEBOOKS) == 4
+def test_there_are_five() -> None:
+    assert len(NOTEBOOKS) == 5
 
 
 def test_a_cluster_that_loses_a_worker_gives_the_same_to_the_last_digit(tmp_path: Path) -> None:
