@@ -14,6 +14,7 @@ BIN := $(VENV)/bin
 requirements = $(BIN)/python -c 'import importlib.metadata as m; \
 	  print("\n".join(r.split(";")[0] for r in m.requires("grasptrack") if r.rstrip("\"\x27").endswith(("\"$(1)", "\x27$(1)"))))'
 NATIVE := CMakeLists.txt $(wildcard native/* native/*/*)
+SOURCES := $(shell find src bench examples -name "*.py")
 
 # After pip: which of them it was, and what would do the same by hand.
 failed = { echo "make: pip could not do it; its lines above say why. Then: make again, or $(BIN)/python -m pip install $(1)" >&2; \
@@ -53,7 +54,12 @@ fuzz: $(VENV)/.dev
 sanitize: $(VENV)/.dev
 	$(BIN)/python tests/fuzz/sanitize.py
 
-site: $(VENV)/.docs
+# Run anew where a notebook or the package has changed: some half a minute for all.
+build/notebooks/%.ipynb: examples/notebooks/%.ipynb $(SOURCES) | $(VENV)/.dev
+	@mkdir -p $(@D)
+	$(BIN)/jupyter execute $< --output=$(abspath $@)
+
+site: $(VENV)/.docs $(patsubst examples/%,build/%,$(wildcard examples/notebooks/*.ipynb))
 	NO_MKDOCS_2_WARNING=1 $(VENV)/docs/bin/mkdocs build --strict
 	@echo "site/index.html"
 

@@ -6,6 +6,7 @@ import json
 import re
 from functools import cache
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
@@ -149,6 +150,32 @@ def test_the_site_leads_to_every_page() -> None:
     site = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     listed = re.findall(r"^ +- .+: ([\w/-]+\.md)$", site, re.MULTILINE)
     assert sorted(listed) == sorted([*PAGES[:-2], "CONTRIBUTING.md", "ros-packages.md"])
+
+
+def test_a_notebook_is_shown_as_it_was_run_or_without_outputs(tmp_path: Path) -> None:
+    spec = spec_from_file_location("site_pages", ROOT / ".ci" / "site_pages.py")
+    assert spec and spec.loader
+    site_pages = module_from_spec(spec)
+    spec.loader.exec_module(site_pages)
+    plain, run = tmp_path / "n.ipynb", tmp_path / "run.ipynb"
+    cells = [
+        {"cell_type": "markdown", "source": ["# Title\n", "[next](m.ipynb)"]},
+        {"cell_type": "code", "source": ["1 + 1"], "outputs": []},
+    ]
+    plain.write_text(json.dumps({"cells": cells}))
+    assert site_pages.notebook_page(plain, run)[0].count("Not run here") == 1
+    told: list[object] = [
+        {"output_type": "stream", "text": ["a\n", "b\n"]},
+        {"output_type": "display_data", "data": {"image/png": "iVBORw==\n", "text/plain": ["<Figure>"]}},
+        {"output_type": "execute_result", "data": {"text/plain": ["2"]}},
+    ]
+    run.write_text(json.dumps({"cells": [cells[0], {**cells[1], "outputs": told}]}))
+    page, pictures = site_pages.notebook_page(plain, run)
+    places = [page.index(part) for part in ("# Title\n[next](m.md)", "1 + 1", "a\nb\n", "](n-1.png)", "\n2\n")]
+    assert places == sorted(places) and "Not run" not in page and pictures == {"n-1.png": b"\x89PNG"}
+    plain.write_text(json.dumps({"cells": [cells[0], {**cells[1], "source": ["1 + 2"]}]}))
+    page, pictures = site_pages.notebook_page(plain, run)
+    assert "1 + 2" in page and "Not run here" in page and not pictures
 
 
 def test_the_reference_has_every_public_name() -> None:
