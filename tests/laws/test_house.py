@@ -22,9 +22,9 @@ BUDGETS = {
     "src/grasptrack/trackability": 1_920,
     "src/grasptrack/grasp": 1_787,
     "bench": 15_201,
-    "research": 12_459,
+    "research": 12_524,
     "native": 7_359,
-    "tests": 45_766,
+    "tests": 45_953,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 218
