@@ -10,7 +10,7 @@ from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.simulation import SHAPES
 from stages import Run, photo, pose
 
-BRACKET, SPANNER = SHAPES["bracket"](), SHAPES["spanner"]()
+BRACKET, FORK, SPANNER = (SHAPES[name]() for name in ("bracket", "fork", "spanner"))
 
 
 def jerk(k: int, far: float, seed: int) -> np.ndarray:
@@ -41,3 +41,19 @@ def test_the_shift_of_an_image_is_that_of_its_ground(far: float) -> None:
     before, now = (build_pyramid(image) for image in looks)
     shifted, apart = hypotheses.shifted_with_image(Look(before, pose()), now)
     assert np.abs((shifted @ np.linalg.inv(pose()) - H)[:2, 2]).max() < apart
+
+
+@pytest.mark.parametrize("seed", [19, 23])
+def test_a_slender_part_does_not_slide_along_itself(seed: int) -> None:
+    """The hand jerks along it, turns and leans: half of the outline that was seen is not, all at once, for three images."""
+    rng, run = np.random.default_rng((seed, 4)), Run(object_at=(160.0, 120.0))
+    x, y, turn, tilt = 0.0, 0.0, rng.uniform(0.0, 360.0), 0.0
+    for k in range(14):
+        if k > 1:
+            way = rng.uniform(-30.0, 30.0)
+            x = float(np.clip(x + way * np.cos(np.radians(turn)) + 4.0 * rng.normal(), -70.0, 70.0))
+            y = float(np.clip(y + way * np.sin(np.radians(turn)) + 4.0 * rng.normal(), -50.0, 50.0))
+            turn, tilt = turn + rng.uniform(-6.0, 6.0), float(np.clip(tilt + rng.uniform(-8.0, 8.0), 0.0, 40.0))
+        G = pose(160.0 + x, 120.0 + y, turn, 40.0, tilt)
+        run.see(photo([(FORK, G)], table=G @ np.linalg.inv(pose(scale=40.0)) @ pose(scale=60.0), seed=k), G)
+    run.check(13)

@@ -193,7 +193,7 @@ class Follower:
             # what lies at its place may be another one while it lies elsewhere
             solutions.add(self.redetection.search_image(state, levels))
             decision = solutions.decide_among()
-        elif decision.is_accepted and e is not None and not state.lost and solutions.falls_short(e):  # it slid?
+        elif decision.is_accepted and e is not None and not state.lost and solutions.may_have_slid(e):
             solutions.add_around(self.redetection.search_image(state, levels))
             decision = solutions.decide_among()
         decision, predictions = self._among_surroundings(decision, levels, predictions, solutions)

@@ -405,6 +405,14 @@ class Solutions:
         usual = expected_texture(self._state, estimate)
         return texture_evidence(self._state, estimate) < LEAST_OF_USUAL * usual
 
+    def may_have_slid(self, estimate: PoseEstimate) -> bool:
+        """Whether much less of the surface is seen than usual, or too much of the outline lies elsewhere, or is hidden, at once."""
+        state, least = self._state, self._state.numbers.elsewhere
+        hidden = 0.0
+        if len(state.visible) == len(estimate.visible):
+            hidden = float(np.maximum(state.visible - estimate.visible, 0.0).mean())
+        return self.falls_short(estimate) or max(hidden, estimate.elsewhere - state.elsewhere) > least
+
     def _score_estimate(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
         """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
         away: Floats = self._state.target.pose_difference(hypothesis.G, estimate.G)
