@@ -5,7 +5,7 @@
 (() => {
   const { camera, parts, colours } = TRANSFERS;
   const DEGREE = Math.PI / 180;
-  const ROUNDING = 1e-9;  // 1/px
+  const ROUNDING = 1e-10;  // of the highest curvature, see grasptrack_bench.baselines.literal
   const NAMES = { "rrp": "RRP", "grasp-line": "grasp line", "homography": "homography" };
 
   class Refusal extends Error {}
@@ -171,12 +171,15 @@
     return found;
   }
 
-  // Indices of the four peaks with the highest curvature.
+  const rounding = v => ROUNDING * Math.max(...v.map(Math.abs));
+
+  // Indices of the four peaks with the highest curvature: of equal neighbours the last, of equal peaks the first.
   function highestPeaks(v) {
-    const n = v.length, height = v.map(Math.abs);
-    const crest = [...v.keys()].filter(i => height[i] >= height[mod(i - 1, n)] && height[i] > height[(i + 1) % n]);
+    const n = v.length, height = v.map(Math.abs), equal = rounding(v);
+    const crest = [...v.keys()].filter(i => height[i] >= height[mod(i - 1, n)] - equal && height[i] > height[(i + 1) % n] + equal);
     if (crest.length < 4) throw new Refusal(`the outline has ${crest.length} peaks of curvature; a homography needs four`);
-    return crest.sort((i, j) => height[j] - height[i] || i - j).slice(0, 4).sort((i, j) => i - j);
+    const order = (i, j) => Math.abs(height[j] - height[i]) > equal ? height[j] - height[i] : i - j;
+    return crest.sort(order).slice(0, 4).sort((i, j) => i - j);
   }
 
   // The j of least d(p_i, p'_j), eq. (3), within [i_c - kappa xi, i_c + kappa xi] about i_c = kappa i. Where a straight side
@@ -195,7 +198,8 @@
       found.push([mod(j, m), error]);
     }
     const least = Math.min(...found.map(([, error]) => error));
-    return found.filter(([, error]) => error <= least + ROUNDING).map(([j]) => j);
+    const equal = (2 * radius + 1) * rounding(v);
+    return found.filter(([, error]) => error <= least + equal).map(([j]) => j);
   }
 
   // H of eq. (1) from the linear system that four points make of eq. (2): each as a sum of the other three.

@@ -16,6 +16,9 @@
 namespace grasptrack {
 
 constexpr int kMaxPeaks = 8;
+// Curvatures that lie closer together, as a share of the highest, are equal. Rounding moves them by less than 1e-11 of it; what
+// is not equal, on contours of pixels too, lies more than 1e-8 apart.
+constexpr double kEqualCurvature = 1e-10;
 
 // Whether a closed sequence falls by some prominence within reach of a sample, on both sides.
 class Surroundings {
@@ -80,15 +83,28 @@ class Surroundings {
     std::vector<double> lowest_[2];
 };
 
+// Samples in falling order of their values, those that are equal in order of index.
+inline void sort_by_level(std::vector<std::int64_t> &samples, const std::vector<double> &v, double equal) {
+    std::sort(samples.begin(), samples.end(), [&](auto a, auto b) { return v[a] > v[b]; });
+    for (auto first = samples.begin(); first != samples.end();) {
+        auto last = first + 1;
+        while (last != samples.end() && v[*(last - 1)] - v[*last] <= equal) ++last;
+        std::sort(first, last);
+        first = last;
+    }
+}
+
+// Of equal neighbours the last is the peak, and of equal peaks the first comes first.
 inline std::vector<std::int64_t> curvature_peaks(const double *curvature, const double *arc, std::int64_t n,
                                                  double separation, double prominence) {
     std::vector<double> v(n);
-    for (std::int64_t i = 0; i < n; ++i) v[i] = std::abs(curvature[i]);
+    double equal = 0.0;
+    for (std::int64_t i = 0; i < n; ++i) v[i] = std::abs(curvature[i]), equal = std::max(equal, kEqualCurvature * v[i]);
     std::vector<std::int64_t> crests, peaks;
     for (std::int64_t i = 0; i < n; ++i)  // what is lower than the prominence cannot rise by it
-        if (v[i] >= prominence && v[i] >= v[i == 0 ? n - 1 : i - 1] && v[i] > v[i + 1 == n ? 0 : i + 1])
+        if (v[i] >= prominence && v[i] >= v[i == 0 ? n - 1 : i - 1] - equal && v[i] > v[i + 1 == n ? 0 : i + 1] + equal)
             crests.push_back(i);
-    std::sort(crests.begin(), crests.end(), [&](auto a, auto b) { return v[a] > v[b] || (v[a] == v[b] && a < b); });
+    sort_by_level(crests, v, equal);
     Surroundings surroundings(v.data(), arc, n, 3.0 * separation, prominence);
     for (auto i : crests) {
         const bool crowded = std::any_of(peaks.begin(), peaks.end(), [&](auto p) {

@@ -38,9 +38,9 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
     """Write `tables/*.csv`, `tables.txt`, `tables.md`, the rows behind them, `evaluation.json`, figures and `report.html`.
 
     The rows behind the tables are `frames.csv` (Table VII), `returns.csv` (Table VI) and `runs.csv` (Tables P, W, B, T, K, A,
-    R and S). These files and the tables repeat to the last digit on one machine, to 1e-9 on another; `times.csv` and
-    `claims-times.csv` do not, nor do times, versions and machine in `evaluation.json`. Figures are charts as SVG, and the
-    paper's as `paper-*.png`.
+    R and S). These files and the tables repeat to the last digit on one machine, to 1e-9 on another, but where rounding decides
+    which of two pixels is nearer, or what ours makes of clipped outlines and of tilts near 60 degrees; times, versions and
+    machine, in `times.csv`, `claims-times.csv` and `evaluation.json`, do not. Figures are SVG, the paper's `paper-*.png`.
 
     Returns:
         The path of the page.

@@ -55,7 +55,7 @@ QUICK = Extent(12, 0, (*OBJECTS, "hook"), 2)
 
 @dataclass(frozen=True)
 class PaperRun:
-    """What a run gives. All but `times` and `time_claims` repeats to the last digit on one machine, to 1e-9 on another.
+    """What a run gives. All but `times` and `time_claims` repeats to the last digit; on other machines see `write_paper`.
 
     Attributes:
         extent: as asked for.

@@ -40,6 +40,16 @@ def test_peaks_among_very_many_crests(points, seed, prominence):
     assert found.peaks == reference.select_points(points, arc, v, 0.03 * arc[-1], prominence).peaks
 
 
+@given(blobs(count=400), st.integers(0, 1000), st.floats(0.0, 4.0))
+def test_equal_peaks_are_not_told_apart_by_rounding(points, seed, prominence):
+    rng = np.random.default_rng(seed)
+    v, arc = vectors(points)
+    v = np.round(2.0 * (v + rng.normal(0.0, 1.0, len(v)))) / 2.0
+    rounded = v * (1.0 + 1e-13 * rng.uniform(-1.0, 1.0, len(v)))
+    found = [kernels.select_points(points, arc, w, 0.03 * arc[-1], prominence + 0.1).peaks for w in (v, rounded)]
+    assert found[0] == found[1] == reference.select_points(points, arc, v, 0.03 * arc[-1], prominence + 0.1).peaks
+
+
 @given(st.one_of(stars(), blobs()), st.integers(0, 299), st.booleans())
 def test_curvature_vectors_and_the_points_selected_by_them(points, cut, clip):
     n = len(points)

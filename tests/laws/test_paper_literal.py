@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from grasptrack import kernels
 from grasptrack.errors import GraspTrackError, PeaksError, StrategyError
+from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer import grasp_line, rrp
@@ -121,6 +122,26 @@ def test_eq_3_is_the_sum_of_the_text(seed, kappa):
         sums = [sum(abs(v1[(i + d) % n] - value(j_ + k * d)) for d in range(-radius, radius + 1)) for j_ in window]
         assert j == window[int(np.argmin(sums))] % m
         assert j == int(j) and error == pytest.approx(min(sums))
+
+
+@given(objects, seeds, st.integers(-150, 150), st.booleans(), st.booleans())
+def test_equal_matches_are_not_told_apart_by_rounding(name, seed, start, aligned, between):
+    """Along a straight side many are as low, and the first is taken, whatever the last digits of the outline are."""
+    rng = np.random.default_rng(seed)
+    letter = LiteralHomography(aligned=aligned, between=between)
+    part, view, _ = moved_part(name, 1.0 + 0.01 * seed, 0.05 * seed, start)
+    found = []
+    for rounding in (0.0, 1e-12):
+        first, second = (rounded_otherwise(v, rounding, rng) for v in (part.reference, view))
+        description = letter.describe(Grasp(part.contacts), first)
+        found.append([*description.samples, *letter.matches(description, second.outer, None)[1]])
+    assert found[0] == found[1]
+
+
+def rounded_otherwise(view, rounding, rng):
+    """The view with its coordinates changed by such a share at most."""
+    moved = [c.points * (1.0 + rounding * rng.uniform(-1.0, 1.0, c.points.shape)) for c in view.contours]
+    return View([Contour.trusted(p, hole=c.hole) for p, c in zip(moved, view.contours, strict=True)])
 
 
 @pytest.mark.parametrize("name", OBJECTS)

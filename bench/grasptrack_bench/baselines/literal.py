@@ -162,11 +162,7 @@ class LiteralHomography:
             description = ours.describe(grasp, view)
             samples = description.peaks[:4]
         else:
-            v = np.abs(kernels.curvature_vector(view.contours[0].points, None, ours.SMOOTHING).curvature)
-            crest = np.flatnonzero((v >= np.roll(v, 1)) & (v > np.roll(v, -1)))
-            if len(crest) < 4:
-                raise PeaksError(f"the outline has {len(crest)} peaks of curvature; a homography needs four")
-            samples = sorted(crest[np.argsort(-v[crest], kind="stable")[:4]].tolist())
+            samples = highest_peaks(kernels.curvature_vector(view.contours[0].points, None, ours.SMOOTHING).curvature)
         return Peaks(grasp.contacts, view.contours[0], self._curvature(view.contours[0]), samples)
 
     def apply(self, description: Peaks, view: Outline, prior: Floats | None = None) -> Transfer:
@@ -226,14 +222,38 @@ class LiteralHomography:
         return np.asarray(np.interp(there, current.arc_length, np.arange(len(current) + 1.0)))
 
 
+def highest_peaks(curvature: Floats) -> list[int]:
+    """The four samples of a closed contour where its curvature (N,) is highest among its neighbours, in order.
+
+    Of equal neighbours the last is the peak, and of equal peaks the first is the higher.
+
+    Raises:
+        PeaksError: there are fewer than four.
+    """
+    v = np.abs(curvature)
+    equal = ROUNDING * float(v.max())
+    crest = np.flatnonzero((v >= np.roll(v, 1) - equal) & (v > np.roll(v, -1) + equal))
+    if len(crest) < 4:
+        raise PeaksError(f"the outline has {len(crest)} peaks of curvature; a homography needs four")
+    falling = crest[np.argsort(-v[crest])]
+    level = np.cumsum(np.diff(v[falling], prepend=v[falling[0]]) < -equal)
+    return sorted(falling[np.lexsort((falling, level))[:4]].tolist())
+
+
 FINENESS = 16
 """Places between two samples at which eq. (3) is worked out where whole samples are not enough."""
+ROUNDING = 1e-10
+"""Errors of eq. (3) that lie closer together are equal, as a share of what they were if the highest curvature stood all along
+the neighbourhood. Rounding moves them by less than 1e-12 of it; what is not equal lies more than 1e-8 apart."""
+STEP_ROUNDING = 1e-9
+"""A place this near to a whole sample is that sample."""
 
 
 def match_by_samples(
     v1: Floats, samples: list[int], v2: Floats, centres: Floats, kappa: float, between: bool = False
 ) -> tuple[Floats, Floats]:
-    """Eq. (3) as it is written, all lengths in samples.
+    """Eq. (3) as it is written, all lengths in samples. Of several places that are equally low, as on straight sides, which the
+    text leaves open, the first in the window is taken.
 
     Args:
         v1, v2: (N,), (N') curvature of both contours.
@@ -257,16 +277,22 @@ def match_by_samples(
         return np.asarray(np.abs(v1[(i + k) % len(v1)] - found).sum(axis=1))
 
     matched, least = np.empty(len(samples)), np.empty(len(samples))
+    equal = ROUNDING * len(k) * float(np.abs(v1).max())
     for row, (i, centre) in enumerate(zip(samples, centres.tolist(), strict=True)):
-        window = np.arange(math.ceil(centre - kappa * reach), math.floor(centre + kappa * reach) + 1, dtype=np.float64)
-        errors = errors_at(i, window)
-        best = window[int(np.argmin(errors))]
+        begin, end = centre - kappa * reach - STEP_ROUNDING, centre + kappa * reach + STEP_ROUNDING
+        window = np.arange(math.ceil(begin), math.floor(end) + 1, dtype=np.float64)
+        best, least[row] = _first_least(window, errors_at(i, window), equal)
         if between:
             window = best + np.arange(-FINENESS, FINENESS + 1) / FINENESS
-            errors = errors_at(i, window)
-            best = window[int(np.argmin(errors))]
-        matched[row], least[row] = best % n, errors.min()
+            best, least[row] = _first_least(window, errors_at(i, window), equal)
+        matched[row] = best % n
     return matched, least
+
+
+def _first_least(places: Floats, errors: Floats, equal: float) -> tuple[float, float]:
+    """The first place whose error exceeds the least by no more than `equal`, and the least."""
+    least = float(errors.min())
+    return float(places[int(np.argmax(errors <= least + equal))]), least
 
 
 def _closed(points: Floats) -> Floats:

@@ -35,6 +35,9 @@ MOST_CHOSEN_FROM = 32
 def curvature_peaks(curvature: Floats, arc: Floats, separation: float, prominence: float) -> Ints:
     """Local maxima of the absolute curvature of one closed contour, strongest first, at most 8.
 
+    What lies closer together than a 1e-10th of the highest is equal: of neighbours the last is the peak, of peaks the first
+    comes first.
+
     Args:
         curvature: (N,) curvature vector; a NaN is never a peak and no neighbour of one.
         arc: (N + 1,) arc length, px.
@@ -44,10 +47,13 @@ def curvature_peaks(curvature: Floats, arc: Floats, separation: float, prominenc
     v = np.abs(curvature)
     length = arc[-1]
     n = len(v)
+    equal = 1e-10 * np.nanmax(v)
     with np.errstate(invalid="ignore"):
-        crest = np.flatnonzero((v >= np.roll(v, 1)) & (v > np.roll(v, -1)))
+        crest = np.flatnonzero((v >= np.roll(v, 1) - equal) & (v > np.roll(v, -1) + equal))
+    falling = crest[np.argsort(-v[crest])]
+    level = np.cumsum(np.append(0.0, -np.diff(v[falling])) > equal)[: len(falling)]
     peaks: list[int] = []
-    for i in sorted(crest.tolist(), key=lambda i: (-v[i], i)):
+    for i in falling[np.lexsort((falling, level))].tolist():
         if any(min(abs(arc[i] - arc[p]), length - abs(arc[i] - arc[p])) < separation for p in peaks):
             continue
         rises = []
