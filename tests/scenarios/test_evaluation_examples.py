@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The examples run as they stand, and the demonstration gives what it promises."""
 
+import csv
 import os
+import signal
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +14,7 @@ import pytest
 
 from grasptrack.demo import STRATEGIES, DemoFrame, demo_scene, run_demo
 from grasptrack.demo.run import contact_errors
+from grasptrack.io.video import VideoWriter
 from grasptrack.tracking.tracker import GraspTracker
 from recordings import rows as read_rows
 
@@ -26,6 +30,55 @@ def test_examples_run_without_arguments(example: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) >= 4
+
+
+def started_example(name: str, *arguments: str) -> "subprocess.Popen[str]":
+    """An example at work, whose lines can be read as they come."""
+    command = [sys.executable, str(next((ROOT / "examples").glob(f"{name}*.py"))), *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def short_video(path: Path, frames: int = 8, *, scene: bool = True) -> str:
+    """A video of the demonstration, or without a scene one of a blank wall."""
+    with closing(VideoWriter(path, 30.0)) as writer:
+        for frame in demo_scene(frames):
+            writer.write(frame.image if scene else np.full_like(frame.image, 190))
+    return str(path)
+
+
+@pytest.mark.slow
+def test_two_cameras_stop_on_ctrl_c_and_one_goes_on_without_the_other(tmp_path: Path) -> None:
+    with started_example("08") as both:
+        assert both.stdout is not None and both.stdout.readline().startswith("camera ")
+        both.send_signal(signal.SIGINT)
+        said, errors = both.communicate(timeout=60)
+    assert (both.returncode, errors) == (0, "")
+    assert sorted(line for line in said.splitlines() if line.endswith("stopped")) == [
+        "camera 1: stopped",
+        "camera 2: stopped",
+    ]
+    with started_example("08", short_video(tmp_path / "one.mp4"), str(tmp_path / "none.mp4")) as one:
+        said, errors = one.communicate(timeout=60)
+    assert (one.returncode, errors) == (1, "")
+    assert "camera 1: ended" in said and "camera 2: failed" in said and said.count("tracked") == 8
+
+
+@pytest.mark.slow
+def test_each_video_of_a_folder_has_a_row(tmp_path: Path) -> None:
+    short_video(tmp_path / "a.mp4")
+    short_video(tmp_path / "b.mp4", scene=False)
+    (tmp_path / "c.mp4").write_bytes((tmp_path / "a.mp4").read_bytes()[:2000])
+    (tmp_path / "notes.txt").write_text("no video")
+    corner = demo_scene(8)[0].outline[0].mean(axis=0)
+    (tmp_path / "objects.csv").write_text(f"a.mp4,{corner[0] - 60:.1f},{corner[1]:.1f}\n")
+    with started_example("09", str(tmp_path)) as batch:
+        said, errors = batch.communicate(timeout=60)
+    assert (batch.returncode, errors) == (0, "")
+    a, b, c = csv.DictReader(said.splitlines())
+    assert (a["video"], a["frames"], a["tracked"], a["lost"], a["error"]) == ("a.mp4", "8", "8", "0", "")
+    assert 0.0 < float(a["worst_margin_deg"]) < 90.0
+    assert (b["video"], b["frames"], b["searching"], b["worst_margin_deg"]) == ("b.mp4", "8", "8", "nan")
+    assert (c["video"], c["frames"]) == ("c.mp4", "0") and "truncated" in c["error"]
 
 
 @pytest.mark.slow
