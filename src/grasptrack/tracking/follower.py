@@ -282,7 +282,8 @@ class Follower:
         followed = predictions.background if state.anchored else None
         told = -math.log(state.numbers.risk)
         contradicted = not decision.is_accepted and any(pose_evidence(state, each) > told for each in solutions.found)
-        if not jumped or (followed is not None and not (state.lost and contradicted)):
+        # what left its place may lie anywhere
+        if not jumped or (followed is not None and (state.gone or not (state.lost and contradicted))):
             return decision, predictions
         # of ground that is followed from image to image errors add up, and it may be lost for what looks like it
         guess = self.redetection.find_ground(state, levels) if followed is None else followed
