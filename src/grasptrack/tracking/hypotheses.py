@@ -406,7 +406,7 @@ class Solutions:
         return texture_evidence(self._state, estimate) < LEAST_OF_USUAL * usual
 
     def may_have_slid(self, estimate: PoseEstimate) -> bool:
-        """Whether much less of the surface is seen than usual, or at once too much of the outline lies elsewhere or is hidden."""
+        """Whether less of the surface is seen than usual, or all at once much of the outline lies elsewhere or is hidden."""
         state, least = self._state, self._state.numbers.elsewhere
         hidden = 0.0
         if len(state.visible) == len(estimate.visible):
