@@ -3,6 +3,7 @@
 
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import cv2
@@ -97,11 +98,13 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
         even = even if sane_area(target, even) else None  # over a long gap it may have turned to the plane's back
     if even is not None:
         rest.insert(0, Hypothesis("moving on", even, free))
-    ring, background, starts = target.clear_ring(state.visible), None, rest
+    background, starts = None, rest
     shifted, apart = shifted_with_image(state.last, levels)
     with_image = Hypothesis("at rest", shifted, free)
     jerked = max_contact_distance(target.carried_contacts(shifted), target.carried_contacts(rest[0].G)) > apart
-    if jerked and (background := align_look(state, state.last, levels, [with_image, *rest], Q, ring)) is not None:
+    if jerked:
+        background = align_look(state, state.last, levels, [with_image, *rest], Q, target.clear_ring(state.visible))
+    if background is not None:
         starts = [rest[0], Hypothesis("background", background.G, free), *rest[1:]]
     flows = list[PoseFlow]()
     if not state.lost:
@@ -128,7 +131,8 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
         and state.delay < BACKGROUND_EVERY
     ):
         return Predictions(first, rest, None, even)
-    background = background if jerked else align_look(state, state.last, levels, rest, Q, ring)
+    if not jerked:
+        background = align_look(state, state.last, levels, rest, Q, target.clear_ring(state.visible))
     if background is None:
         return Predictions(first or rest, rest if first else [], None, even)
     # what rested on the background rests on it still
@@ -180,6 +184,12 @@ def located_ground(state: TrackState, levels: list[Grey]) -> PoseFlow | None:
     return align_look(state, look, levels, starts, Q, state.target.ring)
 
 
+@cache
+def hanning_window(width: int, height: int) -> Floats:
+    """(H, W) by which an image fades towards its borders, so that they are no edges to a phase correlation."""
+    return np.asarray(cv2.createHanningWindow((width, height), cv2.CV_32F))
+
+
 def shifted_with_image(look: Look, levels: list[Grey]) -> tuple[Floats, float]:
     """The pose (3, 3) of a look at the object, had it gone as the image did as a whole, and how many px that may be off.
 
@@ -187,7 +197,7 @@ def shifted_with_image(look: Look, levels: list[Grey]) -> tuple[Floats, float]:
     Beyond some 10 px they find what looks like them. Where the ground shows nothing, an equal may have shifted the image.
     """
     before, now = (pyramid[-2:][0].astype(np.float32) for pyramid in (look.levels, levels))
-    (x, y), _ = cv2.phaseCorrelate(before, now, cv2.createHanningWindow(before.shape[::-1], cv2.CV_32F))
+    (x, y), _ = cv2.phaseCorrelate(before, now, hanning_window(*before.shape[::-1]))
     right, down = levels[0].shape[1] / before.shape[1], levels[0].shape[0] / before.shape[0]
     T = np.array([[1.0, 0.0, x * right], [0.0, 1.0, y * down], [0.0, 0.0, 1.0]])
     return np.asarray(T @ look.G, dtype=np.float64), max(right, down)
