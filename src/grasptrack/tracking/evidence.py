@@ -2,6 +2,7 @@
 """Log-likelihood ratios: what surface and outline of an estimate say for the object, and against it."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,6 +48,22 @@ STILL_FROM = 1.0
 """px that something has moved, from which on it stands still no more."""
 MAX_EXPONENT = 50.0
 """Of odds: beyond it nothing changes."""
+SHARES = 200
+"""Shares of agreeing places over which is summed; a numerical accuracy."""
+
+
+class Agreement(NamedTuple):
+    """So many of some places agree."""
+
+    agreeing: float
+    places: float
+
+    def log_odds(self, chance: float) -> float:
+        """Of the same surroundings, of which any larger share may agree, against others, of which a share does by chance."""
+        k, n = self.agreeing, self.places
+        shares = chance + (1.0 - chance) * (np.arange(SHARES) + 0.5) / SHARES
+        odds = k * np.log(shares / chance) + (n - k) * np.log((1.0 - shares) / (1.0 - chance))
+        return float(np.logaddexp.reduce(odds)) - math.log(SHARES)
 
 
 def surface_evidence(

@@ -13,7 +13,14 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import PoseFlow, seen_area
 from grasptrack.tracking.decision import Decision, Expected, decide_pose
 from grasptrack.tracking.estimator import SHARP, WHOLE_WAY, estimate_pose
-from grasptrack.tracking.evidence import STILL_FROM, expected_texture, outline_evidence, pose_evidence, texture_evidence
+from grasptrack.tracking.evidence import (
+    STILL_FROM,
+    Agreement,
+    expected_texture,
+    outline_evidence,
+    pose_evidence,
+    texture_evidence,
+)
 from grasptrack.tracking.patches import LEAST_NOISE
 from grasptrack.tracking.pose import (
     CONTINUOUS,
@@ -22,6 +29,7 @@ from grasptrack.tracking.pose import (
     Look,
     PoseEstimate,
     changed_estimate,
+    contact_tolerance,
     distinct_hypotheses,
     largest_sigma,
     lead_alike,
@@ -37,6 +45,8 @@ MIN_PLACES = 8
 """Patches that a motion must rest on."""
 ALL_AGREE, PLENTY_AGREE, ENOUGH_AGREE = 0.9, 0.6, 0.25
 """Shares of the places that agree on a motion for no other start to be tried, none to be likelier, and it to be believed."""
+MOST_BY_CHANCE = 0.999
+"""Share of the places that agrees by chance, at most, where the logarithm of the rest is taken."""
 WIDER_START = 4.0
 """By which the variance of a frame's motion is taken larger where a look is laid on the next image."""
 BACKGROUND_EVERY = 4
@@ -98,12 +108,11 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
         even = even if sane_area(target, even) else None  # over a long gap it may have turned to the plane's back
     if even is not None:
         rest.insert(0, Hypothesis("moving on", even, free))
-    background, starts = None, rest
     shifted, apart = shifted_with_image(state.last, levels)
-    with_image = Hypothesis("at rest", shifted, free)
     jerked = max_contact_distance(target.carried_contacts(shifted), target.carried_contacts(rest[0].G)) > apart
+    background, starts = None, rest
     if jerked:
-        background = align_look(state, state.last, levels, [with_image, *rest], Q, target.clear_ring(state.visible))
+        background = ground_gone_far(state, levels, [Hypothesis("at rest", shifted, free), *rest], Q)
     if background is not None:
         starts = [rest[0], Hypothesis("background", background.G, free), *rest[1:]]
     flows = list[PoseFlow]()
@@ -123,13 +132,8 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     first = distinct_hypotheses(target, first)
     settled = bool(flows) and _fixes_contacts(state, flows[0])
     among_equals = len(state.equals) > 0  # of which one may look as the object would where it was looked for
-    if (
-        settled
-        and not jerked
-        and not among_equals
-        and state.accepted % BACKGROUND_EVERY
-        and state.delay < BACKGROUND_EVERY
-    ):
+    seldom = state.accepted % BACKGROUND_EVERY and state.delay < BACKGROUND_EVERY
+    if settled and seldom and not jerked and not among_equals:
         return Predictions(first, rest, None, even)
     if not jerked:
         background = align_look(state, state.last, levels, rest, Q, target.clear_ring(state.visible))
@@ -140,9 +144,8 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     if first and not settled:
         joined = _fuse_predictions(state, carried, first[0])
         first = first if joined is None else [joined, *first[1:]]
-    if (
-        jerked and first and state.wander < numbers.predicted
-    ):  # it rests: texture may have been found on what looks like it
+    rests = state.wander < numbers.predicted
+    if jerked and rests and first:  # its texture may have been found on what looks like it
         return Predictions(distinct_hypotheses(target, [carried, *first]), rest, carried.G, even)
     if first:
         return Predictions(first, [*rest, carried], carried.G, even)
@@ -182,6 +185,29 @@ def located_ground(state: TrackState, levels: list[Grey]) -> PoseFlow | None:
     look = state.located
     starts = [Hypothesis("background", G, Q) for G in (state.expected, look.G, shifted_with_image(look, levels)[0])]
     return align_look(state, look, levels, starts, Q, state.target.ring)
+
+
+def ground_gone_far(state: TrackState, levels: list[Grey], starts: list[Hypothesis], Q: Floats) -> PoseFlow | None:
+    """The ground where the image went as a whole, the first start; None where it may lie elsewhere, too.
+
+    A pattern that repeats goes by its pitch unseen, and so does a row of equals: where the ground shows nearly as much of the
+    last look at other starts, or by the way to an equal farther, nothing tells which it is.
+    """
+    numbers, ring = state.numbers, state.target.clear_ring(state.visible)
+    steps = [np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]) for e in state.equals for x, y in (e, -e)]
+    beside = [Hypothesis(starts[0].origin, starts[0].G @ step, starts[0].P) for step in steps]
+    found = [flow for start in [*starts, *beside] for flow in align_looks(state, state.last, levels, [start], Q, ring)]
+    if not found:
+        return None
+    best = max(found, key=lambda flow: flow.agreeing)
+    contacts, n = state.target.carried_contacts(best.G), float(len(ring))
+    tolerance = contact_tolerance(abs(seen_area(best.G, state.target.outline)), numbers)
+    for other in found:
+        same = max_contact_distance(contacts, state.target.carried_contacts(other.G)) < tolerance
+        told = numbers.temper * Agreement(best.agreeing * n, n).log_odds(min(other.agreeing, MOST_BY_CHANCE))
+        if not same and told < -math.log(numbers.risk):
+            return None
+    return best
 
 
 @cache

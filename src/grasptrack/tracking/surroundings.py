@@ -3,13 +3,12 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import PoseFlow, seen_area
-from grasptrack.tracking.evidence import pose_evidence
+from grasptrack.tracking.evidence import Agreement, pose_evidence
 from grasptrack.tracking.hypotheses import MIN_PLACES, WIDER_START
 from grasptrack.tracking.pose import SAME_PLACE, PoseEstimate, is_at, sane_area, share_in_view
 from grasptrack.tracking.state import TrackState
@@ -20,22 +19,6 @@ MOST_PLACES = 3
 """Places in an image that may be the object's, of which the surroundings are looked at, those of the most evidence first."""
 ASIDE = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 """Sizes of the object by which a look is moved beside itself, for how much of it agrees by chance or as a pattern repeats."""
-SHARES = 200
-"""Shares of agreeing places over which is summed; a numerical accuracy."""
-
-
-class Agreement(NamedTuple):
-    """So many of some places agree."""
-
-    agreeing: float
-    places: float
-
-    def log_odds(self, chance: float) -> float:
-        """Of the same surroundings, of which any larger share may agree, against others, of which a share does by chance."""
-        k, n = self.agreeing, self.places
-        shares = chance + (1.0 - chance) * (np.arange(SHARES) + 0.5) / SHARES
-        odds = k * np.log(shares / chance) + (n - k) * np.log((1.0 - shares) / (1.0 - chance))
-        return float(np.logaddexp.reduce(odds)) - math.log(SHARES)
 
 
 def ground_of_surroundings(
