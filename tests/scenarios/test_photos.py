@@ -13,6 +13,8 @@ from grasptrack.segmentation.first_look import find_objects
 from grasptrack.tracking.image_pair import transfer_between_images
 from grasptrack.transfer.alignment import as_similarity, find_alignments
 from grasptrack_bench.metrics.mask_agreement import boundary_f, intersection_over_union, mask_of
+from research.studies.common import create_parser, parse_with_photos
+from research.studies.moved_photos import draw_scene, follow_tool
 
 pytestmark = pytest.mark.skipif(
     not (DATA / "tools").is_dir(), reason=f"no photos in {DATA}; set GRASPTRACK_DATA to the folder that holds tools/"
@@ -68,3 +70,12 @@ def test_a_grasp_of_one_part_is_carried_to_its_neighbours() -> None:
             assert outcome.contacts is not None and outcome.analysis is not None and outcome.analysis.stable
             assert np.hypot(*(outcome.contacts.mean(axis=0) - (x, y))) < 0.1 * np.sqrt(other.view.outer.area)
     assert carried >= 4
+
+
+@pytest.mark.slow
+def test_what_compression_makes_look_better_is_no_sign_that_a_tool_slid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search about the place found the blocks of the encoder: 2 to 4 px off for ten images, told as sure."""
+    monkeypatch.setattr("sys.argv", ["", "--data", str(DATA)])
+    _, photos = parse_with_photos(create_parser(""))
+    found = follow_tool(draw_scene(photos[38], photos[0], "h264-36", 24, 11))
+    assert found["wrong"] == 0 and found["right"] > 20

@@ -194,8 +194,7 @@ class Follower:
             solutions.add(self.redetection.search_image(state, levels))
             decision = solutions.decide_among()
         elif decision.is_accepted and e is not None and not state.lost and solutions.may_have_slid(e):
-            solutions.add_around(self.redetection.search_image(state, levels))
-            decision = solutions.decide_among()
+            decision = self._against_sliding(decision, e, levels, solutions)
         decision, predictions = self._among_surroundings(decision, levels, predictions, solutions)
         decision = self._against_slides(decision, solutions)
         decision = self._against_turns(decision, solutions, predictions)
@@ -312,6 +311,25 @@ class Follower:
         cover = power_surprisal(estimate.hidden, numbers.cover_power)
         noticed = power_surprisal(numbers.elsewhere, numbers.cover_power)
         return outline_surprisal(estimate, numbers) - usual > SUDDEN or cover - usual > noticed
+
+    def _against_sliding(
+        self, decision: Decision, e: PoseEstimate, levels: list[Grey], solutions: Solutions
+    ) -> Decision:
+        """A decision, or what a search about the place shows instead, if the surface falls short or its motion failed.
+
+        Of answers so near that both may be right noise alone makes the one that was searched for look better.
+        """
+        before = len(solutions.found)
+        solutions.add_around(self.redetection.search_image(self.state, levels))
+        searched = solutions.decide_among()
+        other = searched.estimate
+        if other is None or max_contact_distance(other.contacts, e.contacts) > decision.tolerance:
+            return searched
+        gain = pose_evidence(self.state, other) - pose_evidence(self.state, e)
+        if solutions.falls_short(e) or gain > -math.log(self.state.numbers.witness_fails):
+            return searched
+        del solutions.found[before:]
+        return decision
 
     def _against_slides(self, decision: Decision, solutions: Solutions) -> Decision:
         """A decision against the shifts under which the surface looks like itself.
