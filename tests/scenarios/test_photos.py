@@ -14,6 +14,7 @@ from grasptrack.tracking.image_pair import transfer_between_images
 from grasptrack.transfer.alignment import as_similarity, find_alignments
 from grasptrack_bench.metrics.mask_agreement import boundary_f, intersection_over_union, mask_of
 from research.studies.common import create_parser, parse_with_photos
+from research.studies.hand_motions import draw_motion
 from research.studies.moved_photos import draw_scene, follow_tool
 
 pytestmark = pytest.mark.skipif(
@@ -79,3 +80,20 @@ def test_what_compression_makes_look_better_is_no_sign_that_a_tool_slid(monkeypa
     _, photos = parse_with_photos(create_parser(""))
     found = follow_tool(draw_scene(photos[38], photos[0], "h264-36", 24, 11))
     assert found["wrong"] == 0 and found["right"] > 20
+
+
+@pytest.mark.slow
+def test_what_jerks_while_the_shutter_is_open_is_blurred_by_as_much_as_its_ground_went(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By up to twice its own size from image to image: solved as if it stood still it was off, or lost."""
+    monkeypatch.setattr("sys.argv", ["", "--data", str(DATA)])
+    _, photos = parse_with_photos(create_parser(""))
+    rng = np.random.default_rng(23)
+    photo = photos[int(rng.integers(len(photos)))]
+    jerks = rng.normal(0.0, 1.0, (9, 2)) * rng.uniform(60.0, 200.0)
+    places = np.cumsum(np.vstack([np.zeros((3, 2)), jerks]), axis=0)
+    box = np.array([[500.0, 250.0], [800.0, 250.0], [800.0, 450.0], [500.0, 450.0]])
+    path = box + (places - places.mean(axis=0))[:, None]
+    found = follow_tool(draw_motion(photo, 4 * np.arange(len(path)), path, 0.5, 23))
+    assert found["wrong"] == 0 and found["right"] >= 5

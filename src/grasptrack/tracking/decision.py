@@ -260,8 +260,8 @@ def lookalike_probability(state: TrackState, estimate: PoseEstimate, expected: E
     if not (state.lookalike or state.beside or state.is_outside):
         return unseen
     which_is_open = state.lost and state.lookalike and state.carried_by_belt() is None
-    which_is_open |= state.has_left and state.coasting is not None  # it went on, beyond where the ground has it
-    if is_at(estimate, mean_point(expected.contacts)) and not which_is_open:
+    went_on = state.has_left and state.coasting is not None  # beyond where the ground has it
+    if is_at(estimate, mean_point(expected.contacts)) and not (which_is_open or went_on):
         return unseen
     left = departure_probability(expected.steps, state.numbers) if state.lookalike else 1.0
     if expected.on_ground:

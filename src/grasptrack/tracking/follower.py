@@ -290,10 +290,11 @@ class Follower:
         if ground is None:
             return decision, predictions
         predictions = predictions._replace(background=ground, anew=True)
-        if decision.is_accepted and e is not None and is_at(e, mean_point(self.target.carried_contacts(ground))):
-            return decision, predictions  # what surrounds it need not lie in its plane
-        state.gone = has_gone_from(state, ground, levels, predictions.even)  # where that was, was not known
-        solutions.expected = self._expected_location(predictions)
+        known = decision.is_accepted and e is not None and is_at(e, mean_point(self.target.carried_contacts(ground)))
+        if not known:  # what surrounds it need not lie in its plane
+            state.gone = has_gone_from(state, ground, levels, predictions.even)  # where that was, was not known
+            solutions.expected = self._expected_location(predictions)
+        solutions.ground = solutions.ground if state.lost else ground  # of an older look where it is lost
         solutions.add([Hypothesis("background", ground, state.P + self.target.noise_of_motion)])
         return solutions.decide_among(), predictions
 
