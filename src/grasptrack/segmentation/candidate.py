@@ -91,7 +91,7 @@ class Candidate(NamedTuple):
         alike: share of its outline with the same on both sides; NaN of what was drawn.
         neck: width of its narrowest neck, a share of the size of the lesser part beyond it; NaN of all but the first.
         cut: what the image's border takes from its rating, 0 to 1; NaN of all but the first.
-        toned: how plainly its outline has two parts of different colours, 0 to 1; NaN of all but the first.
+        toned: how plainly it is two things of different looks, 0 to 1; NaN of all but the first.
         around: the same of what lies round it, as of a hand on it; NaN of all but the first.
         level: grey level of the threshold that separated it from the ground; NaN where closed edges did.
         recipe: which closing of edges finds it; -1 for a threshold.

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
@@ -44,9 +45,11 @@ from grasptrack.segmentation.proposals import (
     propose_masks,
     propose_silhouettes,
 )
+from grasptrack.segmentation.seams import joined_parts
 from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, asked_regions, region_maps
 from grasptrack.segmentation.shadow import out_of_ramp, without_shadow
 from grasptrack.segmentation.silhouettes import (
+    Chain,
     Silhouette,
     box_iou,
     neck_width,
@@ -227,10 +230,7 @@ class CandidateSearch:
         if self._masks_only:
             return [_Rated(p, 0.0, 0.0) for p in self.meant[:MAX_COMPARED]]
         compared, said = self.compared_proposals(), self._said
-        numbers = load_numbers(bool(self._maps))
-        if said.background is not None:  # a person's word, as a box is
-            numbers = numbers._replace(map_power=numbers.box_power)
-        worth, unmapped = (measure_worth(compared, maps, said.box, numbers) for maps in (self._maps, []))
+        worth, unmapped = self._measure_worth(compared)
         kept: list[_Rated] = []
         held = [self._scene.holds_contacts(p.silhouette) for p in compared]
         for k in sorted(range(len(compared)), key=lambda k: (not held[k], -worth[k])):
@@ -238,6 +238,14 @@ class CandidateSearch:
             if is_allowed(shape, said) and not any(is_alike(shape, r.proposal.silhouette) for r in kept):
                 kept.append(_Rated(compared[k], float(worth[k]), float(unmapped[k]), held[k]))
         return kept
+
+    def _measure_worth(self, compared: list[OutlineProposal]) -> tuple[Floats, Floats]:
+        """(n,) logarithms of what proposals are worth, with the segmenter's maps and without."""
+        numbers = load_numbers(bool(self._maps))
+        if self._said.background is not None:  # a person's word, as a box is
+            numbers = numbers._replace(map_power=numbers.box_power)
+        with_maps, without = (measure_worth(compared, maps, self._said.box, numbers) for maps in (self._maps, []))
+        return with_maps, without
 
     def _contacts_first(self, found: list[tuple[Candidate, _Rated]]) -> list[tuple[Candidate, _Rated]]:
         """Those first that given contacts lie nearest to, and no others but where there is none that they lie on."""
@@ -261,10 +269,13 @@ class CandidateSearch:
         # what stands out for a net, as a person does, need not be what is meant: the outline alone has a say
         lead = min((min(own.worth - r.worth, own.unmapped - r.unmapped) for r in rivals), default=math.inf)
         returned = self._unmapped_snapper.return_share(first.view.outer.points)
-        worth = np.array([r.worth for _, r in found])
         rating, shape, edges = own.proposal.rating, own.proposal.silhouette, self._scene.edges
         thin, neck, cut = thin_share(shape, edges.shrink), neck_width(shape, edges.shrink), 1.0 - rating.complete
-        signs = Signs(rating.score, lead, returned, thin, neck, cut, *two_toned(shape, edges.planes, edges.shrink))
+        within, around = two_toned(shape, edges.planes, edges.shrink)
+        joined, *things = next(iter(joined_parts(shape, edges.planes, edges.shrink)), (0.0,))
+        found, toned = self._with_parts(found, joined, things), max(within, joined)
+        signs = Signs(rating.score, lead, returned, thin, neck, cut, toned, around)
+        worth = np.array([r.worth for _, r in found])
         # the numbers with a map were fitted to votes: of alternatives the more cautious ones count
         at_contacts = self._said.grasp is not None
         asked = [load_numbers(mapped, at_contacts) for mapped in {bool(self._maps), self._voted and not at_contacts}]
@@ -274,6 +285,25 @@ class CandidateSearch:
             for (c, r), p in zip(found, share, strict=True)
         ]
         return [judged[0]._replace(**{**signs._asdict(), "rating": judged[0].rating}), *judged[1:]]
+
+    def _with_parts(
+        self, found: list[tuple[Candidate, _Rated]], joined: float, things: list[Chain]
+    ) -> list[tuple[Candidate, _Rated]]:
+        """The same, after the first one also the things that it may be, which touch, in the order of their worth."""
+        first, said, more = found[0][1], self._said, list[tuple[Candidate, _Rated]]()
+        for thing in things:
+            shape = polygon_silhouette(thing.astype(np.float64), self._scene.grey.shape)
+            if shape is None or shape.longer_side < MIN_EXTENT or not is_allowed(shape, said):
+                continue
+            rating = self._scene.scorer.rate_silhouette(shape)
+            part = first.proposal._replace(silhouette=shape, rating=rating, recipe=GIVEN, likely=joined)
+            candidate = self._localize_proposal(part)
+            if candidate is None or any(is_same_region(candidate.view, c.view) for c, _ in found):
+                continue
+            if said.grasp is None or operator.le(*distance_of_contacts(candidate.view, said.grasp)):
+                worth, unmapped = (float(each[0]) for each in self._measure_worth([part]))
+                more.append((candidate._replace(rating=rating.score), _Rated(part, worth, unmapped)))
+        return [found[0], *sorted(found[1:] + more, key=lambda each: (not each[1].held, -each[1].worth))]
 
     def _drawn_candidate(self, polygon: Floats) -> Candidate:
         """What a rough polygon is: the best rated proposal that agrees with it all round, or the polygon moved onto the edges

@@ -73,7 +73,7 @@ class Signs(NamedTuple):
         thin: share of its outline on thin parts, as of `silhouettes.thin_share`.
         neck: width of its narrowest neck, as of `silhouettes.neck_width`.
         cut: what the image's border takes from its rating, 0 to 1.
-        toned: how plainly it may be two things, as of `candidate.two_toned`.
+        toned: how plainly it may be two things, as of `candidate.two_toned` and `seams.joined_parts`, the larger.
         around: how plainly two things lie round it, as of the same.
     """
 
