@@ -143,6 +143,7 @@ class CandidateSearch:
         self._snapper = OutlineSnapper(self._scene.edges, self._maps[-1]) if guided else self._unmapped_snapper
         propose = propose_masks if self._masks_only else partial(propose_silhouettes, ranked=ranked)
         self._proposals = propose(self._scene, shown)
+        self._contour_cost = CONTOUR + CONTOUR_AREA.of(self._scene.grey.size)
         self._rough: dict[int, RoughOutline] = {}
         self.meant = [p for p in self._proposals if is_allowed(p.silhouette, said)]
 
@@ -295,6 +296,9 @@ class CandidateSearch:
             shape = polygon_silhouette(thing.astype(np.float64), self._scene.grey.shape)
             if shape is None or shape.longer_side < MIN_EXTENT or not is_allowed(shape, said):
                 continue
+            if not self._scene.work.allows(self._contour_cost):
+                break
+            self._scene.work.spend(self._contour_cost)
             rating = self._scene.scorer.rate_silhouette(shape)
             part = first.proposal._replace(silhouette=shape, rating=rating, recipe=GIVEN, likely=joined)
             candidate = self._localize_proposal(part)
@@ -335,7 +339,6 @@ class CandidateSearch:
         looked = cut = 0
         own = max((r.proposal.rating.score for r in rated if r.proposal.recipe != GIVEN), default=0.0)
         least = 0.0 if self._masks_only else max(MIN_RATING, CLUTTER * own)
-        cost = CONTOUR + CONTOUR_AREA.of(self._scene.grey.size)
         for each in rated:
             p = each.proposal
             if looked >= MAX_CONTOURS:
@@ -350,9 +353,9 @@ class CandidateSearch:
             is_part = _overlaps_found(p.silhouette, taken, [c for c, _ in found])
             if is_part and looked >= MAX_NESTED and not is_offered:
                 continue
-            if found and not self._scene.work.allows(cost):
+            if found and not self._scene.work.allows(self._contour_cost):
                 break
-            self._scene.work.spend(cost)
+            self._scene.work.spend(self._contour_cost)
             looked += 1
             shaded = len(found) < MAX_SHADOWS and not is_part and not self._masks_only
             candidate = self._localize_proposal(p, whole=not is_part, shaded=shaded)
