@@ -159,6 +159,23 @@ def test_a_crescent_slides_along_itself_and_is_not_given() -> None:
         assert [a.reason_code for a in answers] == ["uncertain"], answers
 
 
+def test_crescents_in_one_plane_tell_each_other_how_far_they_slid() -> None:
+    places = [(x, y) for x in (150.0, 400.0, 650.0, 900.0) for y in (150.0, 400.0, 650.0)]
+    angles = [0.3 + 0.7 * k for k in range(12)]
+    shapes = [turned(0.8 * CRESCENT, angle) for angle in angles]
+    image = drawn(*shapes, centres=tuple(places), angle=0.0, size=(800, 1050), contrast=85.0, noise=2.0, seed=3)
+    crescent = part("crescent", "CRESCENT")
+    found = [one for one in gt.find(image, crescent) if one.found]
+    taught = crescent.grasps[0].contacts - centroid(crescent.view.outer.points)
+    assert len(found) >= 6
+    for one in found:
+        away = [
+            np.hypot(*(turned(0.8 * taught, a) + turned(0.8 * centroid(CRESCENT)[None], a) + at - one.contacts).T).max()
+            for a, at in zip(angles, places, strict=True)
+        ]
+        assert min(away) < 3.0
+
+
 def test_each_part_is_taken_for_itself_and_equals_for_neither() -> None:
     image = tray(THREE[0], (HOOK, 1.0, (400.0, 300.0)))
     found = gt.find(image, [part(), part("hook", "HOOK")])

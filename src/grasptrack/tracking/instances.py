@@ -18,7 +18,6 @@ from functools import cached_property, partial
 from itertools import chain
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,23 +25,31 @@ from grasptrack import arguments, kernels
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import ConditioningError, ContourError, GraspTrackError
 from grasptrack.first_image import FirstImage
-from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography, normalize_homography, rotation_at
 from grasptrack.grasp.force_closure import GraspAnalysis, analyze
-from grasptrack.images import Channel, Grey, to_bgr
+from grasptrack.images import Channel, to_bgr
 from grasptrack.matching import Sampled, judge_hypotheses, lay_several, match_several, may_match
 from grasptrack.matching.samples import TWIN
 from grasptrack.matching.symmetry import TOLERANCE as OWN_TWIN
 from grasptrack.presentation import to_dict
 from grasptrack.segmentation.candidate import is_same_region
+from grasptrack.tracking.common_plane import CommonPlane, PlanePose
 from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, decide_pose
-from grasptrack.tracking.estimator import first_state
+from grasptrack.tracking.estimator import estimate_pose, first_state
 from grasptrack.tracking.evidence import contact_testimony, pose_evidence, texture_evidence
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.parts import KnownPart, as_parts, prepare_once
-from grasptrack.tracking.places import ImagePyramids, PlaceSearch, Spot
-from grasptrack.tracking.pose import Hypothesis, PoseEstimate, contact_tolerance, lead_alike, max_contact_distance
+from grasptrack.tracking.places import ImagePyramids, PlaceSearch, Spot, carried_view, overlap_share
+from grasptrack.tracking.pose import (
+    Hypothesis,
+    PoseEstimate,
+    contact_tolerance,
+    largest_sigma,
+    lead_alike,
+    max_contact_distance,
+)
 from grasptrack.tracking.redetection import MAX_UNLIKE
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import UNKNOWN_PRESENCE, pose_hypothesis, single_estimate
@@ -54,8 +61,6 @@ LEAST_OVERLAP = 0.5
 """Share of the lesser of two outlines within the other, from which on they lie in one place."""
 LEAST_SHARE, MOST_TOUCHING = 0.5, 4.0
 """Areas of parts within which a piece of an outline of the image is looked for: of a covered one, and of some that touch."""
-OVERLAP_SIDE = 64
-"""px, the longer side of the image on which two outlines are laid over each other."""
 SMALLEST, LARGEST = 0.4, 2.5
 """Smallest and largest scale at which a part is looked for."""
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -172,11 +177,15 @@ def find(
                 if new:
                     break
             else:
-                break
+                _, doubted = _settle_claims(doubted, settled, numbers.risk)
+                told = _claims_in_plane(settled, doubted, scene, pool)
+                new, doubted = _settle_claims(told, settled, numbers.risk)
+                settled = settled + new
+                if not new:
+                    break
             search.leave_out([claim.view for claim in new])
-    _, doubted = _settle_claims(doubted, settled, numbers.risk)
     outlines = [claim.view for claim in settled]
-    outlines += [v for v in beside if not any(_overlap_share(v, o) > LEAST_OVERLAP for o in outlines)]
+    outlines += [v for v in beside if not any(overlap_share(v, o) > LEAST_OVERLAP for o in outlines)]
     answers = [claim.as_instance(outlines, numbers.risk) for claim in [*settled, *doubted]]
     return sorted(
         answers, key=lambda a: (not a.found, not a.mirrored, -min(a.room, a.view.outer.area), -a.edge, -a.confidence)
@@ -229,19 +238,35 @@ def _sides_of(part: KnownPart, risk: float) -> list[_Kind]:
 class _Claim:
     """A part that may lie somewhere, as exactly as the image tells, and what is decided of that."""
 
-    def __init__(self, kind: _Kind, channel: Channel, decision: Decision, turns: tuple[float, ...]) -> None:
+    def __init__(
+        self, kind: _Kind, channel: Channel, decision: Decision, turns: tuple[float, ...], tried: list[PoseEstimate]
+    ) -> None:
         assert decision.estimate is not None
         self.kind, self.channel, self.decision, self.turns = kind, channel, decision, turns
         self.estimate: PoseEstimate = decision.estimate
+        self.own, self.tried = self.estimate, tried
+        self.rival_evidence = -math.inf
         self._state = kind.state_in(channel)
         self.evidence = pose_evidence(self._state, self.estimate)
         self.H = self._state.target.homography(self.estimate.G)
-        self.view = _carried_view(kind.taught.view, self.H)
+        self.view = carried_view(kind.taught.view, self.H)
         self.code = decision.code
+
+    @property
+    def is_vague(self) -> bool:
+        """Whether the image alone does not tell its contacts as exactly as is asked for, and nobody has asked the others."""
+        return self.own is self.estimate and self.decision.sigma > largest_sigma(self.own.area, self._state.numbers)
+
+    def settled_in_plane(self, alone: _Claim, leaning: float) -> _Claim:
+        """The same, where it was another claim as the image alone tells it, and leans with a probability."""
+        self.own, self.tried, self.rival_evidence = alone.own, alone.tried, alone.rival_evidence
+        self.decision = self.decision.with_alias(leaning, "uncertain")
+        self.code = self.decision.code
+        return self
 
     def shares_place(self, other: _Claim) -> bool:
         """Whether both lie in one place."""
-        return _overlap_share(self.view, other.view) > LEAST_OVERLAP
+        return overlap_share(self.view, other.view) > LEAST_OVERLAP
 
     def as_instance(self, others: list[View], risk: float) -> Instance:
         """As it is told, beside other outlines of the image."""
@@ -332,8 +357,8 @@ def _by_place(state: TrackState, estimates: list[PoseEstimate]) -> list[list[Pos
     """Estimates of one place together."""
     places: list[tuple[View, list[PoseEstimate]]] = []
     for e in estimates:
-        view = _carried_view(state.target.view, state.target.homography(e.G))
-        known = next((group for there, group in places if _overlap_share(view, there) > LEAST_OVERLAP), None)
+        view = carried_view(state.target.view, state.target.homography(e.G))
+        known = next((group for there, group in places if overlap_share(view, there) > LEAST_OVERLAP), None)
         if known is None:
             places.append((view, [e]))
         else:
@@ -360,7 +385,43 @@ def _decided_claim(kind: _Kind, channel: Channel, estimates: list[PoseEstimate])
     back = np.linalg.inv(target.homography(own.G))
     centre = kind.outline.centre.tolist()
     turns = [math.degrees(rotation_at(back @ target.homography(e.G), *centre)) for e in equals]
-    return _Claim(kind, channel, decision, tuple(turns))
+    return _Claim(kind, channel, decision, tuple(turns), estimates)
+
+
+def _claims_in_plane(
+    settled: list[_Claim], doubted: list[_Claim], scene: ImagePyramids, pool: ThreadPoolExecutor
+) -> list[_Claim]:
+    """What is doubted, that of it whose outline leaves its pose too open once more: as the plane of the others lets it be."""
+    claims = [*settled, *doubted]
+    vague = [k for k, c in enumerate(claims) if k >= len(settled) and c.is_vague]
+    if not vague or len(claims) < 2:
+        return doubted
+    kinds, size = list(dict.fromkeys(c.kind for c in claims)), scene.colours.shape
+
+    def pose_of(claim: _Claim, e: PoseEstimate) -> PlanePose:
+        return PlanePose(kinds.index(claim.kind), claim.kind.state_in(claim.channel).target, e.G, e.P, size)
+
+    plane = CommonPlane([pose_of(c, c.own) for c in claims])
+
+    def solve_again(k: int) -> _Claim:
+        claim = claims[k]
+        state, found = claim.kind.state_in(claim.channel), list[PoseEstimate]()
+        levels, numbers = scene.levels_in(claim.channel), state.numbers
+        for e in claim.tried:
+            solved: PoseEstimate | None = e
+            for share in (numbers.predicted**2, 1.0):  # texture that images share by chance pulls a loose pose away
+                if solved is not None:
+                    off, P = plane.prior_of(k, pose_of(claim, solved), state.target.noise_of_guess)
+                    G = np.asarray(state.target.handle.moved(solved.G, off))
+                    solved = estimate_pose(state, levels, Hypothesis(e.origin, G, share * P), still=True)
+            found += [] if solved is None else [solved]
+        if not found:
+            return claim
+        again = _decided_claim(claim.kind, claim.channel, found)
+        return again.settled_in_plane(claim, plane.leaning_probability(k))
+
+    again = dict(zip(vague, pool.map(solve_again, vague), strict=True))
+    return [again.get(k, claims[k]) for k in range(len(settled), len(claims))]
 
 
 # --- which of them is believed ---------------------------------------------------------------------
@@ -376,48 +437,14 @@ def _settle_claims(claims: list[_Claim], known: list[_Claim], risk: float) -> tu
         here = [c for c in left if c.shares_place(best)]
         left = [c for c in left if c not in here]
         rival = next((c for c in here if c.kind is not best.kind), None)
-        if best.code == "" and rival is not None and best.evidence - rival.evidence < -math.log(risk):
+        if rival is not None:
+            best.rival_evidence = max(best.rival_evidence, rival.evidence)
+        if best.code == "" and best.evidence - best.rival_evidence < -math.log(risk):
             best.code = WHICH_PART
         if best.code == "" and best.kind.mirrored:
             best.code = TURNED_OVER
         (settled if best.code in ("", TURNED_OVER) else refused).append(best)
     return settled, [c for c in refused if c.decision.presence > UNKNOWN_PRESENCE]
-
-
-def _carried_view(view: View, H: Floats) -> View:
-    """An outline in the image, its points worked out."""
-    return View([Contour.trusted(apply_homography(H, c.points), hole=c.hole) for c in view.contours])
-
-
-def _overlap_share(one: View, other: View) -> float:
-    """Share of the lesser of two outlines' material, holes not counted, that lies within the other."""
-    both, *areas = overlap_areas(one, other)
-    return both / max(1, min(areas))
-
-
-def overlap_areas(one: View, other: View) -> tuple[int, int, int]:
-    """Of the material that two outlines have in common, and of the one's and the other's, in cells of a grid over both."""
-    (left, top), (right, bottom) = one.outer.bounds
-    (x, y), (u, v) = other.outer.bounds
-    if max(left, x) > min(right, u) or max(top, y) > min(bottom, v):
-        return 0, 0, 0
-    low, high = np.array([min(left, x), min(top, y)]), np.array([max(right, u), max(bottom, v)])
-    scale = OVERLAP_SIDE / max(1.0, float((high - low).max()))
-    masks = [_material_mask(view, (OVERLAP_SIDE + 1, OVERLAP_SIDE + 1), scale, low) for view in (one, other)]
-    return (
-        int(np.count_nonzero(masks[0] & masks[1])),
-        int(np.count_nonzero(masks[0])),
-        int(np.count_nonzero(masks[1])),
-    )
-
-
-def _material_mask(view: View, shape: tuple[int, ...], scale: float = 1.0, low: Floats | float = 0.0) -> Grey:
-    """(H, W) 255 on the material of an outline."""
-    mask: Grey = np.zeros(shape[:2], np.uint8)
-    rings = [np.rint((c.points - low) * scale).astype(np.int32) for c in view.contours]
-    cv2.fillPoly(mask, rings[:1], (255,))
-    cv2.fillPoly(mask, rings[1:], (0,))
-    return mask
 
 
 def _finger_room(part: KnownPart, H: Floats, beside: list[View]) -> float:

@@ -28,11 +28,11 @@ from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import SEEN_LIKE, any_of, place_prior
 from grasptrack.tracking.evidence import MAX_EXPONENT
 from grasptrack.tracking.follower import Follower, Sight
-from grasptrack.tracking.instances import LEAST_OVERLAP, Instance, find, overlap_areas
+from grasptrack.tracking.instances import LEAST_OVERLAP, Instance, find
 from grasptrack.tracking.joint import alias_probabilities
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.parts import KnownPart, as_parts
-from grasptrack.tracking.places import ImagePyramids
+from grasptrack.tracking.places import ImagePyramids, overlap_areas
 from grasptrack.tracking.pose import CONTINUOUS, PoseEstimate, mean_point
 from grasptrack.tracking.redetection import make_detector
 from grasptrack.tracking.registration import Registration

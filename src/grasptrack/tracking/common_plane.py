@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plane that several parts of one image lie in: what its own outline leaves open of a pose the others may tell.
+
+Images of parts in one plane differ by no more than similarities, but for what rectifies this image and those that taught the
+parts: R(image) G R(taught)^-1 is a similarity for each pose G, with one R for the image and one for each kind of part. An
+outline of few arcs, as a crescent's, slides along itself under one motion, which turns with the part, so that the others tell
+how far. Parts that lean are told from those that lie flat by how well they agree with the rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from grasptrack.geometry.homographies import MOTIONS
+from grasptrack.tracking.evidence import MAX_EXPONENT
+from grasptrack.tracking.target import Target
+from grasptrack.typing import Floats
+
+STRETCH = math.tan(math.pi / 8.0) ** 2
+"""By how much a tilt of 45 degrees stretches what is seen, as a share of its size, ..."""
+BEND = math.tan(math.radians(35.0))
+"""... and by how much it bends it at the border of an image that is 70 degrees wide, ..."""
+PART = 0.15
+"""... of which a part fills so much."""
+OF_IMAGE = np.array([STRETCH, STRETCH, BEND, BEND])
+"""Standard deviations of what rectifies an image, in units of half its longer side, ..."""
+OF_PART = np.array([STRETCH, STRETCH, PART * BEND, PART * BEND])
+"""... of what rectifies the image that taught a part, and of what a part leans, in units of half the part's size."""
+ANNEALED = (1.0, 0.3, 0.1, 0.03, 0.01, *[0.0] * 7)
+"""Shares of what a part may lean that are taken for noise, round by round."""
+STEP = 1e-4
+"""Of the differences that stand for derivatives: a share of the unit."""
+SETTLED = 1e-7
+"""Of what rectifies the images; a round that changes no more is the last."""
+
+
+class PlanePose:
+    """A part's pose as the image alone tells it.
+
+    Args:
+        kind: which part it is, by a number.
+        target: that part.
+        G: (3, 3) work px -> px.
+        P: (8, 8) covariance of its error, work px^2.
+        size: (height, width) px of the image.
+    """
+
+    def __init__(self, kind: int, target: Target, G: Floats, P: Floats, size: tuple[int, ...]) -> None:
+        self.kind, self.P = kind, P
+        unit = 0.5 * max(size[:2])
+        to_unit = np.array([[1.0, 0.0, -0.5 * size[1]], [0.0, 1.0, -0.5 * size[0]], [0.0, 0.0, unit]])
+        half, (x, y) = 0.5 * target.size, target.centre
+        self._step = STEP * target.size
+        ways = [G, *(target.handle.moved(G, d) for d in self._step * np.eye(8))]
+        self.ways: Floats = to_unit @ np.array(ways) @ np.array([[half, 0.0, x], [0.0, half, y], [0.0, 0.0, 1.0]])
+
+    def deviation(self, image: Floats, taught: Floats) -> tuple[Floats, Floats]:
+        """(4,) how unlike a similarity it is when both images are rectified so, and (4, 8) by the pose's error."""
+        told = _unlikeness(_rectifying(image) @ self.ways @ np.linalg.inv(_rectifying(taught)))
+        return told[0], (told[1:] - told[0]).T / self._step
+
+    def by_rectifying(self, image: Floats, taught: Floats, own: Floats) -> Floats:
+        """(4, 8) the derivatives of `own`, the deviation, by what rectifies the image and what rectifies that of the part."""
+        steps = STEP * np.eye(4)
+        images, parts = _rectifying(image + steps), np.linalg.inv(_rectifying(taught + steps))
+        base, seen = np.linalg.inv(_rectifying(taught)), _rectifying(image)
+        told = _unlikeness(np.concatenate([images @ self.ways[0] @ base, seen @ self.ways[0] @ parts]))
+        return np.asarray((told - own).T / STEP, dtype=np.float64)
+
+
+class CommonPlane:
+    """The plane in which most of some parts lie, as far as they tell it.
+
+    Args:
+        poses: of the parts.
+    """
+
+    def __init__(self, poses: Sequence[PlanePose]) -> None:
+        self._poses, kinds = list(poses), sorted({p.kind for p in poses})
+        self._at = [slice(4 + 4 * kinds.index(p.kind), 8 + 4 * kinds.index(p.kind)) for p in poses]
+        self._prior = np.concatenate([OF_IMAGE, np.tile(OF_PART, len(kinds))]) ** -2.0
+        self._x = np.zeros(len(self._prior))
+        self._flat = 0.5
+        self._terms: list[tuple[Floats, Floats]] = []
+        for share in ANNEALED:
+            if self._next_round(share) < SETTLED and share == 0.0:
+                break
+
+    def _next_round(self, share: float) -> float:
+        """One step of Gauss and Newton, each part weighed by the probability that it lies flat. How far it led."""
+        self._terms, flat = [], 0.0
+        for pose, at in zip(self._poses, self._at, strict=True):
+            told, by_pose = pose.deviation(self._x[:4], self._x[at])
+            own = pose.by_rectifying(self._x[:4], self._x[at], told)
+            D = np.zeros((4, len(self._x)))
+            D[:, :4], D[:, at] = own[:, :4], own[:, 4:]
+            S = by_pose @ pose.P @ by_pose.T + np.diag((share * OF_PART) ** 2)
+            weight = _flat_probability(told, S, self._flat)
+            flat += weight
+            by = weight * np.linalg.solve(S, D).T
+            self._terms.append((by @ D, -by @ told))
+        self._flat = (flat + 1.0) / (len(self._poses) + 2.0)
+        A = np.diag(self._prior) + sum(term[0] for term in self._terms)
+        step = np.linalg.solve(A, sum(term[1] for term in self._terms) - self._prior * self._x)
+        self._x = self._x + step
+        return float(np.abs(step).max())
+
+    def prior_of(self, k: int, pose: PlanePose, P: Floats) -> tuple[Floats, Floats]:
+        """What the other parts tell of one: how far (8,) it is off, and (8, 8) the covariance of what they leave open.
+
+        Args:
+            k: which of the parts it is.
+            pose: from which on, another than its own perhaps.
+            P: (8, 8) how far it may be off as long as nothing is told.
+        """
+        told, by_pose, spread = self._without(k, pose)
+        gain = np.linalg.solve(by_pose @ P @ by_pose.T + spread, by_pose @ P).T
+        left = P - gain @ by_pose @ P
+        return np.asarray(-gain @ told), np.asarray(0.5 * (left + left.T))
+
+    def leaning_probability(self, k: int) -> float:
+        """Probability that a part does not lie in the plane of the others, as far as the image alone tells its pose."""
+        pose = self._poses[k]
+        told, by_pose, spread = self._without(k, pose)
+        return 1.0 - _flat_probability(told, by_pose @ pose.P @ by_pose.T + spread, self._flat)
+
+    def _without(self, k: int, pose: PlanePose) -> tuple[Floats, Floats, Floats]:
+        """(4,) how far a pose of one part is from the others' plane, (4, 8) by its error, and (4, 4) how well they know it."""
+        A = np.diag(self._prior) + sum(term[0] for i, term in enumerate(self._terms) if i != k)
+        C = np.linalg.inv(A)
+        x = self._x - C @ (self._terms[k][1])
+        image, taught = x[:4], x[self._at[k]]
+        told, by_pose = pose.deviation(image, taught)
+        own = pose.by_rectifying(image, taught, told)
+        D = np.zeros((4, len(x)))
+        D[:, :4], D[:, self._at[k]] = own[:, :4], own[:, 4:]
+        return told, by_pose, np.asarray(D @ C @ D.T)
+
+
+def _rectifying(x: Floats) -> Floats:
+    """(..., 3, 3) homographies that stretch and bend by so much (..., 4)."""
+    return np.asarray(np.eye(3) + np.tensordot(x, MOTIONS[4:], axes=1), dtype=np.float64)
+
+
+def _unlikeness(S: Floats) -> Floats:
+    """(n, 4) how homographies (n, 3, 3) stretch and bend what lies about the origin; 0 of a similarity."""
+    S = S / S[:, 2:, 2:]
+    J = S[:, :2, :2] - S[:, :2, 2:] * S[:, 2:, :2]
+    alike = J[:, 0, 0] + J[:, 1, 1] + 1j * (J[:, 1, 0] - J[:, 0, 1])
+    stretch = (J[:, 0, 0] - J[:, 1, 1] + 1j * (J[:, 1, 0] + J[:, 0, 1])) / alike
+    return np.column_stack([stretch.real, stretch.imag, S[:, 2, :2]])
+
+
+def _flat_probability(told: Floats, S: Floats, share: float) -> float:
+    """Probability that what deviates from a plane by so much (4,), known with covariance S (4, 4), lies in it."""
+    odds = math.log(share / (1.0 - share))
+    for sign, covariance in ((1.0, S), (-1.0, S + np.diag(OF_PART**2))):
+        odds -= 0.5 * sign * (float(told @ np.linalg.solve(covariance, told)) + float(np.linalg.slogdet(covariance)[1]))
+    return 1.0 / (1.0 + math.exp(min(-odds, MAX_EXPONENT)))
