@@ -83,17 +83,17 @@ def test_what_compression_makes_look_better_is_no_sign_that_a_tool_slid(monkeypa
 
 
 @pytest.mark.slow
-def test_what_jerks_while_the_shutter_is_open_is_blurred_by_as_much_as_its_ground_went(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """By up to twice its own size from image to image: solved as if it stood still it was off, or lost."""
+def test_a_jerk_is_told_by_the_ground_where_a_search_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hand of a public benchmark (POT-280, V11_7) in motion blur: the keypoints were 5 px off, the ground 0.5 px."""
     monkeypatch.setattr("sys.argv", ["", "--data", str(DATA)])
     _, photos = parse_with_photos(create_parser(""))
-    rng = np.random.default_rng(23)
-    photo = photos[int(rng.integers(len(photos)))]
-    jerks = rng.normal(0.0, 1.0, (9, 2)) * rng.uniform(60.0, 200.0)
-    places = np.cumsum(np.vstack([np.zeros((3, 2)), jerks]), axis=0)
-    box = np.array([[500.0, 250.0], [800.0, 250.0], [800.0, 450.0], [500.0, 450.0]])
-    path = box + (places - places.mean(axis=0))[:, None]
-    found = follow_tool(draw_motion(photo, 4 * np.arange(len(path)), path, 0.5, 23))
-    assert found["wrong"] == 0 and found["right"] >= 5
+    path = np.array(
+        [
+            [658.0, 339.0, 747.0, 241.0, 852.0, 327.0, 754.0, 417.0],
+            [628.0, 363.0, 709.0, 253.0, 824.0, 340.0, 726.0, 430.0],
+            [520.0, 412.0, 630.0, 322.0, 723.0, 424.0, 601.0, 502.0],
+            [342.0, 393.0, 499.0, 316.0, 565.0, 454.0, 394.0, 516.0],
+        ]
+    )
+    found = follow_tool(draw_motion(photos[26], np.array([147, 151, 155, 159]), path.reshape(-1, 4, 2), 0.5, 88))
+    assert found["wrong"] == 0 and found["right"] >= 3

@@ -294,7 +294,6 @@ class Follower:
         if not known:  # what surrounds it need not lie in its plane
             state.gone = has_gone_from(state, ground, levels, predictions.even)  # where that was, was not known
             solutions.expected = self._expected_location(predictions)
-        solutions.ground = solutions.ground if state.lost else ground  # of an older look where it is lost
         solutions.add([Hypothesis("background", ground, state.P + self.target.noise_of_motion)])
         return solutions.decide_among(), predictions
 

@@ -263,7 +263,7 @@ class Solutions:
         levels: the image's pyramid.
         expected: what continuity says of the image.
         hypotheses: to begin with.
-        ground: (3, 3) where the ground has the object; None where that is not known.
+        background: (3, 3) where the ground has the object; None where that is not known.
         is_taken: whether another object surely lies where an estimate has this one; None where no other is followed.
 
     Attributes:
@@ -279,10 +279,10 @@ class Solutions:
         levels: list[Grey],
         expected: Expected,
         hypotheses: list[Hypothesis],
-        ground: Floats | None = None,
+        background: Floats | None = None,
         is_taken: Callable[[PoseEstimate], bool] | None = None,
     ) -> None:
-        self.ground, self._is_taken = ground, is_taken
+        self._background, self._is_taken = background, is_taken
         self.found: list[PoseEstimate] = []
         self.expected = expected
         self._state, self._levels, self.marks = state, levels, state.marks
@@ -300,8 +300,8 @@ class Solutions:
         for hypothesis in hypotheses:
             if state.lost and self._is_answered(hypothesis):
                 continue
-            continues = not state.lost and (goes_on or hypothesis.origin in CONTINUOUS)
-            still = not (continues or self._goes_with_ground(hypothesis))
+            # where it was a moment ago does not tell how it moves
+            still = bool(state.lost) or not (goes_on or hypothesis.origin in CONTINUOUS)
             estimate = estimate_pose(state, self._levels, hypothesis, still=still)
             if estimate is None or (self._is_taken is not None and self._is_taken(estimate)):
                 continue
@@ -349,13 +349,6 @@ class Solutions:
 
         self.add([hypothesis for hypothesis in hypotheses if goes_on(hypothesis)], goes_on=True)
 
-    def _goes_with_ground(self, hypothesis: Hypothesis) -> bool:
-        """Whether it leads to where the ground has the object, so that its last pose tells how it moves after a jump, too."""
-        if self.ground is None:
-            return False
-        target = self._state.target
-        return lead_alike(target, hypothesis, Hypothesis("background", self.ground, target.noise_of_motion))
-
     def _is_answered(self, hypothesis: Hypothesis) -> bool:
         """Whether an answer that shows the object lies where a hypothesis would lead."""
         state = self._state
@@ -385,7 +378,7 @@ class Solutions:
         state, target, numbers = self._state, self._state.target, self._state.numbers
         seen, least = float(state.shown.sum()), numbers.contradicted
         own = float(state.shown @ estimate.other) / seen if seen > least * len(state.shown) else estimate.elsewhere
-        ground = self.ground
+        ground = self._background
         if ground is not None and not self._stands_still(estimate, ground):
             ground = None
         # else nothing was taken for its surface, or what comes back does not show what moved meanwhile
