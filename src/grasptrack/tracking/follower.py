@@ -294,7 +294,11 @@ class Follower:
         if not known:  # what surrounds it need not lie in its plane
             state.gone = has_gone_from(state, ground, levels, predictions.even)  # where that was, was not known
             solutions.expected = self._expected_location(predictions)
+        before = len(solutions.found)
         solutions.add([Hypothesis("background", ground, state.P + self.target.noise_of_motion)])
+        if known and e is not None:  # what shows the same is no second answer
+            new, limit = solutions.found[before:], decision.tolerance
+            solutions.found[before:] = [o for o in new if max_contact_distance(o.contacts, e.contacts) > limit]
         return solutions.decide_among(), predictions
 
     def expected_way(self, sight: Sight) -> Way:
