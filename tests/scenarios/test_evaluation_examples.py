@@ -40,15 +40,18 @@ def started_example(name: str, *arguments: str) -> "subprocess.Popen[str]":
 
 def short_video(path: Path, frames: int = 8, *, scene: bool = True) -> str:
     """A video of the demonstration, or without a scene one of a blank wall."""
+    wall = np.full((480, 640, 3), 190, np.uint8)
     with closing(VideoWriter(path, 30.0)) as writer:
-        for frame in demo_scene(frames):
-            writer.write(frame.image if scene else np.full_like(frame.image, 190))
+        for image in (frame.image for frame in demo_scene(frames)) if scene else [wall] * frames:
+            writer.write(image)
     return str(path)
 
 
 @pytest.mark.slow
 def test_two_cameras_stop_on_ctrl_c_and_one_goes_on_without_the_other(tmp_path: Path) -> None:
-    with started_example("08") as both:
+    # longer than any load lasts
+    walls = [short_video(tmp_path / f"{name}.mp4", 600, scene=False) for name in ("left", "right")]
+    with started_example("08", *walls) as both:
         assert both.stdout is not None and both.stdout.readline().startswith("camera ")
         both.send_signal(signal.SIGINT)
         said, errors = both.communicate(timeout=60)
