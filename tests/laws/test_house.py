@@ -11,11 +11,11 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 43_847,
+    "src/grasptrack": 43_817,
     "src/grasptrack/tracking": 9_433,
     "src/grasptrack/servo": 4_908,
     "src/grasptrack/io": 6_193,
-    "src/grasptrack/segmentation": 4_477,
+    "src/grasptrack/segmentation": 4_447,
     "src/grasptrack/cli": 3_268,
     "src/grasptrack/live": 2_974,
     "src/grasptrack/view": 2_026,
@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 15_227,
     "research": 12_524,
     "native": 7_375,
-    "tests": 46_298,
+    "tests": 46_286,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 219

@@ -75,18 +75,6 @@ def test_print_at_the_border_takes_no_bite_out_of_an_outline_that_was_drawn() ->
     assert max(away) < 3.0
 
 
-@given(st.floats(0.1, 0.9), st.sampled_from([6, 7, 8]), st.sampled_from([140, 155, 170]))
-def test_print_at_the_border_bites_nothing_out_of_an_outline_that_was_drawn(at: float, deep: int, level: int) -> None:
-    """It is nearer to the ground than to the plate: taught with the bite, the part was found only where it has that print."""
-    plate = np.array([[200, 150], [450, 150], [450, 330], [200, 330]])
-    image = bench(plate)
-    x = round(215 + at * 190)
-    image[150 : 150 + deep, x : x + 30] = level
-    (found,) = gt.first_look(cv2.GaussianBlur(image, (0, 0), 0.8), outline=plate)
-    away = [abs(cv2.pointPolygonTest(plate.astype(np.float32), p, True)) for p in found.view.outer.points.tolist()]
-    assert max(away) < 3.0
-
-
 def test_a_rough_outline_is_kept_where_there_is_no_edge() -> None:
     """Two thirds of it lie on nothing: drawn is drawn."""
     rng = np.random.default_rng(2)

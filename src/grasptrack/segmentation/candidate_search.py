@@ -58,7 +58,7 @@ from grasptrack.segmentation.silhouettes import (
     thin_share,
     trace_silhouettes,
 )
-from grasptrack.segmentation.snapping import ALL_ROUND, OutlineSnapper, mend_bites, outline_agreement
+from grasptrack.segmentation.snapping import ALL_ROUND, OutlineSnapper, outline_agreement
 from grasptrack.segmentation.work import CONTOUR, CONTOUR_AREA
 from grasptrack.typing import Floats, Pixels
 
@@ -314,14 +314,13 @@ class CandidateSearch:
         beside it, whichever of both lies on its edges more firmly: print at the border bites into a proposal.
         """
         found: list[Candidate] = []
-        shape = polygon_silhouette(self._snapper.snap(polygon), self._scene.grey.shape)
         for p in sorted(self._proposals, key=lambda p: -p.comparison_order):
             if _is_beside(p.silhouette, polygon) and outline_agreement(p.silhouette, polygon, AGREEING) >= ALL_ROUND:
-                whole = p.silhouette if shape is None else mend_bites(p.silhouette, polygon, shape)
-                candidate = self._localize_proposal(p._replace(silhouette=whole))
+                candidate = self._localize_proposal(p)
                 if candidate is not None:
                     found = [candidate._replace(rating=p.rating.score)]
                     break
+        shape = polygon_silhouette(self._snapper.snap(polygon), self._scene.grey.shape)
         if shape is not None and shape.longer_side >= MIN_EXTENT:
             candidate = candidate_of_edges(self._scene.colours, self._scene.planes, shape, self._said.hidden)
             found += [] if candidate is None else [self._with_recipe(candidate, shape)]

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
-from grasptrack.segmentation.silhouettes import Silhouette, fill_polygon, to_binary, trace_silhouettes
-from grasptrack.statistics import robust_sd
+from grasptrack.segmentation.silhouettes import Silhouette, fill_polygon
 from grasptrack.typing import Bools, Floats, Floats32
 
 STEP, COARSE_STEP = 2.0, 4.0
@@ -47,8 +46,6 @@ FAR, MARGIN = 255, 2
 ALL_ROUND = 0.97
 """Share of two outlines beside each other from which they agree."""
 TINY = 1e-9
-PIXEL = 1.0
-"""px by which what is drawn in whole pixels is off, whoever draws it."""
 
 
 class SnapNumbers(NamedTuple):
@@ -172,32 +169,6 @@ class OutlineSnapper:
         odds = np.clip(likely[0] - likely[1], -MAX_COLOR_ODDS, MAX_COLOR_ODDS)
         odds[~enough] = 0.0
         return np.asarray(odds, dtype=np.float64)
-
-
-def mend_bites(shape: Silhouette, polygon: Floats, snapped: Silhouette) -> Silhouette:
-    """A region with the snapped one's outline where its own is farther from a drawn polygon (n, 2) than a hand errs.
-
-    How far that is most of its outline shows: print at the border bites deeper. Its holes stay.
-    """
-    ends = np.concatenate([shape.outer, snapped.outer, np.rint(polygon).astype(np.int32)])
-    low, high = ends.min(axis=0) - MARGIN, ends.max(axis=0) + MARGIN + 1
-    size = int(high[1] - low[1]), int(high[0] - low[0])
-    own, other, line = (np.zeros(size, np.uint8) for _ in range(3))
-    for filled, ring in ((own, shape.outer), (other, snapped.outer)):
-        cv2.drawContours(filled, [ring - low.astype(np.int32)], -1, (1,), cv2.FILLED)
-    cv2.polylines(line, [np.rint(polygon - low).astype(np.int32)], True, (1,))
-    away = cv2.distanceTransform(1 - line, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    drawn = polygon.astype(np.float32)
-    off = np.array([cv2.pointPolygonTest(drawn, at, True) for at in shape.outer.tolist()])
-    # the largest of so many errors of a hand, and of whole pixels
-    limit = max(PIXEL, robust_sd(off - np.median(off))) * math.sqrt(2.0 * math.log(len(off)))
-    count, parts = cv2.connectedComponents(own ^ other)
-    deep = [False] + [bool(away[parts == k].max() > limit) for k in range(1, count)]
-    bitten = np.array(deep)[parts]
-    if not bitten.any():
-        return shape
-    mended = trace_silhouettes(to_binary((own > 0) ^ bitten), 0.5 * shape.area, tuple(low.tolist()), holes=False)
-    return mended[0]._replace(holes=shape.holes) if mended else shape
 
 
 def outline_agreement(shape: Silhouette, polygon: Floats, tolerance: float) -> float:
