@@ -11,11 +11,11 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 43_817,
+    "src/grasptrack": 43_727,
     "src/grasptrack/tracking": 9_433,
     "src/grasptrack/servo": 4_908,
     "src/grasptrack/io": 6_193,
-    "src/grasptrack/segmentation": 4_447,
+    "src/grasptrack/segmentation": 4_357,
     "src/grasptrack/cli": 3_268,
     "src/grasptrack/live": 2_974,
     "src/grasptrack/view": 2_026,

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 import grasptrack as gt
 from grasptrack.segmentation.candidate import alike_share, two_toned
 from grasptrack.segmentation.closed_edges import lab_planes
-from grasptrack.segmentation.shadow import out_of_ramp
 from grasptrack.segmentation.silhouettes import Silhouette, neck_width, picture_window, thin_share, trace_silhouettes
+from grasptrack_bench.simulation import SHAPES
 
 PLATE = (100, 100, 220, 240)
 """Left, top, right and lower px, the latter two included."""
@@ -159,34 +159,34 @@ def test_a_bench_has_no_bars(level: int, seed: int) -> None:
     assert picture_window(image) == (0, 0, 320, 240)
 
 
-def lit_bracket(way: float, offset: float, softness: float, left: float) -> tuple[np.ndarray, np.ndarray]:
-    """(480, 640) a dark bracket whose contact shadow, as dark as itself at most, lies on one side, and its mask."""
-    true = filled((200, 130, 300, 330), (301, 230, 430, 330))
-    shift = np.array([[1.0, 0.0, offset * np.cos(way)], [0.0, 1.0, offset * np.sin(way)]])
-    cast = cv2.warpAffine(true.astype(np.float32) / 255.0, shift, (640, 480))
-    ground = 190.0 * (1.0 - (1.0 - left) * cv2.GaussianBlur(cast, (0, 0), softness))
-    seen = cv2.GaussianBlur(np.where(true > 0, 100.0, ground), (0, 0), 0.8)
-    noise = np.random.default_rng(round(1000.0 * way)).normal(0.0, 1.5, true.shape)
-    return (seen + noise).clip(0, 255).astype(np.uint8), true
+def rounded_part(name: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """(480, 640) a dark part whose rounded rim is lit from one side, and its outline (n, 2) px; it casts no shadow."""
+    rng = np.random.default_rng(seed)
+    turn, scale, light = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(80.0, 130.0), rng.uniform(0.0, 2.0 * np.pi)
+    R = scale * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    rings = [(p @ R.T + (320.0, 240.0)).astype(np.float32) for p in SHAPES[name]().polygons]
+    mask = np.zeros((960, 1280), np.uint8)
+    cv2.fillPoly(mask, [np.rint(2.0 * ring).astype(np.int32) for ring in rings], (255,))
+    cover, depth = (
+        cv2.resize(each.astype(np.float32), (640, 480), interpolation=cv2.INTER_AREA)
+        for each in (mask, 0.5 * cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
+    )
+    down, right = np.gradient(cv2.GaussianBlur(depth, (0, 0), 1.5))
+    facing = -(right * np.cos(light) + down * np.sin(light)) / np.maximum(np.hypot(right, down), 1e-6)
+    rim = np.clip(1.0 - depth / rng.uniform(6.0, 10.0), 0.0, 1.0) * facing.clip(0.0, 1.0)
+    part = 50.0 + rng.uniform(0.4, 0.5) * 125.0 * rim
+    seen = cv2.GaussianBlur(cover / 255.0 * part + (1.0 - cover / 255.0) * 175.0, (0, 0), 0.7)
+    return (seen + rng.normal(0.0, 2.0, seen.shape)).clip(0, 255).astype(np.uint8), rings[0]
 
 
-def share_beside(view: gt.View, true: np.ndarray, far: float) -> float:
-    """Of an outline, farther than some px from the true one."""
-    ring = silhouette(true).outer
-    away = [abs(cv2.pointPolygonTest(ring, at, True)) for at in view.outer.points.tolist()]
-    return float((np.array(away) > far).mean())
+CUT_OFF = pytest.mark.xfail(strict=True, reason="a bright rim on most of one side is cut off")
 
 
-@given(st.floats(0.0, 6.28), st.floats(3.0, 6.0), st.floats(0.5, 0.6))
-def test_a_contact_shadow_as_dark_as_its_object_is_none_of_it(way: float, offset: float, left: float) -> None:
-    image, true = lit_bracket(way, offset, 0.75 * offset, left)
-    found = gt.first_look(image, (250, 280))[0]
-    assert share_beside(found.view, true, 4.0) < 0.05
-
-
-@given(st.floats(0.0, 6.28), st.sampled_from([0.8, 2.0, 4.0]))
-def test_an_outline_without_a_shadow_stays_where_it_is_however_blurred(way: float, blur: float) -> None:
-    image, _ = lit_bracket(way, 0.0, 0.8, 1.0)
-    image = cv2.GaussianBlur(image, (0, 0), blur)
-    view = gt.first_look(image, (250, 280))[0].view
-    assert out_of_ramp(view, lab_planes(image), 1) is view
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=CUT_OFF), 2, 3])
+@pytest.mark.parametrize("name", ["bracket", "spanner", "hinge"])
+def test_a_rounded_rim_that_is_lit_belongs_to_its_object(name: str, seed: int) -> None:
+    """It looks like the ramp of a shadow, but ends in an edge."""
+    image, ring = rounded_part(name, seed)
+    found = gt.first_look(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))[0].view.outer.points
+    away = [abs(cv2.pointPolygonTest(ring, at, True)) for at in found.tolist()]
+    assert np.percentile(away, 95) < 2.0
