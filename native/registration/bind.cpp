@@ -238,7 +238,7 @@ struct PoseTarget {
         if (!alike) throw std::invalid_argument("both pyramids need the same size");
         const pose::Repeats found = pose::count_repeats(target, old, fixed<9>(last, "last"), now, fixed<9>(G, "G"));
         static const Record record("RepeatedPatches");
-        return record(found.change, found.way, found.still);
+        return record(found.change, found.way);
     }
 
     // The last image's look at `centres` through `last`, laid on the next image from a start.

@@ -16,14 +16,12 @@ namespace grasptrack::pose {
 struct Repeats {
     double change = 0;  // grey levels^2, by which the motion would have changed patches, each on average: what they tell of it
     double way = 0;     // the same of those that are as they were, times the squares of how far they ought to have moved, work px^2
-    double still = 0;   // the same of those that rest explains far better than motion does: marks on the lens or in the image
 };
 
 // Which patches of the finest levels an image shows where the last one has them, to the grey level or nearly, though the pose moved on.
 inline Repeats count_repeats(const Target &target, const Pyramid &before, const Homography &last, const Pyramid &now, const Homography &G) {
     constexpr double rounding = 2.0 / 12;  // variance of the difference of two whole numbers: two exposures differ by more
-    constexpr double plain = 6;            // times as much is neither rounding nor noise
-    constexpr double unlike = 4;           // by which motion has to explain a patch worse than rest
+    constexpr double plain = 6;            // times as much is no rounding
     Repeats out;
     Lattice here, there;
     double value[patch_pixels], same[patch_pixels], moved[patch_pixels];
@@ -33,8 +31,7 @@ inline Repeats count_repeats(const Target &target, const Pyramid &before, const 
         return sum / patch_pixels;
     };
     for (std::size_t k = 0; k < std::min(fine_levels, target.texture.size()); ++k) {
-        const double stride = target.texture[k].stride, grain = noise_of(target.noise, stride);
-        const double by_chance = 2 * grain * grain;
+        const double stride = target.texture[k].stride;
         for (const Patch &patch : target.texture[k].patches) {
             if (!here.lay(now, G, {patch.x, patch.y}, stride) || !there.lay(before, last, {patch.x, patch.y}, stride)) continue;
             before[static_cast<std::size_t>(here.level - now.data())].at(here.x, here.y, patch_pixels, same);
@@ -43,15 +40,11 @@ inline Repeats count_repeats(const Target &target, const Pyramid &before, const 
             if (!(change > plain * rounding)) continue;  // it would look alike
             here.level->at(here.x, here.y, patch_pixels, value);
             out.change += change;
-            const double at_rest = mean_square(value, same);
-            const bool repeated = at_rest < rounding, stands = change > plain * by_chance && unlike * at_rest < mean_square(value, moved);
-            if (!repeated && !stands) continue;
+            if (!(mean_square(value, same) < rounding)) continue;
             const Point to = carried(G, patch.x, patch.y), from = carried(last, patch.x, patch.y);
             const auto d = derivatives(G, patch.x, patch.y);
-            const double way =
-                change * ((to.x - from.x) * (to.x - from.x) + (to.y - from.y) * (to.y - from.y)) / std::abs(d[0] * d[3] - d[1] * d[2]);
-            out.way += repeated ? way : 0.0;
-            out.still += stands ? way : 0.0;
+            const double squared = (to.x - from.x) * (to.x - from.x) + (to.y - from.y) * (to.y - from.y);
+            out.way += change * squared / std::abs(d[0] * d[3] - d[1] * d[2]);
         }
     }
     return out;

@@ -120,19 +120,14 @@ def test_a_surface_that_lags_weighs_less(seed: int) -> None:
 
 @settings(max_examples=5)
 @given(SEEDS, st.floats(-6.0, 6.0), st.floats(2.0, 6.0))
-def test_what_an_encoder_left_as_it_was_and_what_stands_still_in_the_image(
-    seed: int, right: float, down: float
-) -> None:
+def test_what_an_encoder_left_as_it_was(seed: int, right: float, down: float) -> None:
     """It is told by how far it ought to have moved; a new exposure repeats nothing, and what rests cannot tell."""
     before, made = pyramid(draw(A, seed, noise=0.5)), target(native, seed)
     G = np.array([[1.0, 0.0, right], [0.0, 1.0, down], [0.0, 0.0, 1.0]]) @ A
-    change, way, still = made.repeats(before, A, before, G)
+    change, way = made.repeats(before, A, before, G)
     assert change > 0 and way == pytest.approx(change * (right**2 + down**2))
-    assert 0.9 * way < still <= way  # but for what is as plain as noise
-    rest, motion = (made.repeats(before, A, pyramid(draw(H, seed, noise=2.5)), G) for H in (A, G))
-    assert motion.way == motion.still == 0.0
-    assert rest.way < rest.still == pytest.approx(still, rel=0.2)  # by nearly all patches
-    assert made.repeats(before, A, before, A) == (0.0, 0.0, 0.0)
+    assert made.repeats(before, A, pyramid(draw(G, seed, noise=2.5)), G).way == 0.0
+    assert made.repeats(before, A, before, A) == (0.0, 0.0)
     with pytest.raises(ValueError, match="size"):
         made.repeats(before[1:], A, before, G)
 

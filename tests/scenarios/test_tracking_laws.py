@@ -66,11 +66,6 @@ SLIDES = pytest.mark.xfail(
 )
 
 
-DIRT = pytest.mark.xfail(
-    strict=True, reason="the third image is 10 px off: what stands still has not been told from a slow turn"
-)
-
-
 @pytest.mark.parametrize(("kind", "told"), [("thick", True), ("clean-6dof", False)])
 def test_an_object_that_shows_its_sides_is_told_not_to_be_flat(kind: str, told: bool) -> None:
     frames = list(make_scene_cases(built_in(["bracket"]), [kind], frames=30, seed=3)[0].scene())
@@ -83,9 +78,7 @@ def test_an_object_that_shows_its_sides_is_told_not_to_be_flat(kind: str, told: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("shape", "seed", "frames"), [("half-disc", 91, 40), ("egg", 201, 24), pytest.param("egg", 201, 40, marks=DIRT)]
-)
+@pytest.mark.parametrize(("shape", "seed", "frames"), [("half-disc", 91, 40), ("egg", 201, 24), ("egg", 201, 40)])
 def test_a_plain_part_does_not_slide_on_itself(shape: str, seed: int, frames: int) -> None:
     # a projective map carries their outlines nearly into themselves, and what looked like texture along one, or dirt on the
     # lens, told of another motion
@@ -99,6 +92,9 @@ def test_a_plain_part_does_not_slide_on_itself(shape: str, seed: int, frames: in
         ("egg", 1, 11, 10),  # the reflection of a ring of lamps
         ("leaf", 4, 4242, 0),  # a watermark, of which the first outline takes letters along
         ("leaf", 3, 4242, 10),  # a crosshair, along which the first outline runs to the border
+        ("hammer-head", 0, 5, 0),  # a watermark, at which the outline stood still all but 33 %
+        ("ellipse", 0, 5, 0),  # lamps' reflection, with which the outline goes in any case
+        ("knife", 0, 5, 10),  # a crosshair over a print
     ],
 )
 def test_what_is_fixed_in_the_image_is_not_the_object(shape: str, repeat: int, seed: int, most: int) -> None:

@@ -334,12 +334,10 @@ class RepeatedPatches(NamedTuple):
         change: grey levels^2, the sum of what the motion changes of each patch.
         way: of those that repeat the last image to the grey level, as no two exposures do but an encoder does, the sum of that
             times the square of their way, work px.
-        still: the same of those that rest explains far better than motion, as it does marks in the image.
     """
 
     change: float
     way: float
-    still: float
 
 
 class PlaneViews(NamedTuple):

@@ -39,7 +39,7 @@ from grasptrack.tracking.pose import (
     mean_point,
     worst_variance,
 )
-from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.state import FixedMarks, TrackState
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Bools, Floats
 
@@ -91,7 +91,7 @@ class Decision:
         rival_share: probability of the contacts where the rival has them.
         risk: probability from which on the estimate is not accepted.
         alias: probability that an equal of the object is followed.
-        marks: (3, 3) where what is fixed in the image was taken for the object's surface; None where nothing was.
+        marks: what is fixed in the image and was taken for the object's surface; None where nothing was.
         bare: log-odds that where a contact's part was there is bare ground, and no cover.
     """
 
@@ -108,7 +108,7 @@ class Decision:
     rival_share: float = 0.0
     risk: float = NUMBERS.risk
     alias: float = 0.0
-    marks: Floats | None = None
+    marks: FixedMarks | None = None
     bare: float = -math.inf
 
     @property
@@ -296,7 +296,7 @@ def other_size_probability(state: TrackState, estimate: PoseEstimate, ground: Po
 
 
 def decide_pose(
-    state: TrackState, estimates: list[PoseEstimate], expected: Expected, marks: Floats | None = None
+    state: TrackState, estimates: list[PoseEstimate], expected: Expected, marks: FixedMarks | None = None
 ) -> Decision:
     """The most probable estimate, against the others and against none of them.
 
@@ -344,7 +344,7 @@ def decide_pose(
     other = wrong_object_probability(state, chosen, expected.steps, surfaces[best])
     apart = apart_probability(state, chosen)
     false_edge = outline_open_probability(state, chosen)
-    fixed = fixed_probability(state, chosen, marks)
+    fixed = fixed_probability(state, chosen, marks, allowed)
     off, here = any_of(absent, outside, other, apart, state.alias, false_edge, fixed), own / (own + elsewhere)
     sigma, place = math.sqrt(variance), {"presence": here, "edges": chosen.edge_share}
     unlike = "other-shape" if chosen.other_shape > 0.0 else "other-surface"

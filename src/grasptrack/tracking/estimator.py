@@ -114,6 +114,7 @@ def first_state(
         edge_width=target.edge_width,
         blur_share=numbers.blur_share,
         usual=[np.zeros(n) for n in target.counts],
+        unasked=[np.ones(n, dtype=bool) for n in target.counts],
         time=time,
         belt=before.belt,
     )

@@ -10,8 +10,8 @@ from grasptrack import kernels
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels.results import SurfaceEvidence
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.pose import SAME_PLACE, PoseEstimate
-from grasptrack.tracking.state import SEEN, TrackState
+from grasptrack.tracking.pose import SAME_PLACE, PoseEstimate, max_contact_distance
+from grasptrack.tracking.state import SEEN, FixedMarks, TrackState
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats
 
@@ -48,6 +48,8 @@ STILL_FROM = 1.0
 """px that something has moved, from which on it stands still no more."""
 MAX_EXPONENT = 50.0
 """Of odds: beyond it nothing changes."""
+EITHER, SHARE_ROUNDS = 0.5, 4
+"""Share of patches that are the surface's own, to begin with, and how often it is made more probable."""
 SHARES = 200
 """Shares of agreeing places over which is summed; a numerical accuracy."""
 
@@ -75,6 +77,20 @@ def surface_evidence(
     """
     spreads = numbers.match_spread, numbers.chance_spread, numbers.patch_share
     return kernels.surface_evidence(correlation, usual, SHARES_MISSING, log_prior, *spreads)
+
+
+def surface_probability(correlation: Floats, usual: Floats, numbers: Numbers) -> Floats:
+    """(n,) that patches (n,) are the surface's own, and no noise that agrees by chance: what is learned of them counts so much.
+
+    The share of noise among them is the one that makes what they show most probable (NaN where a patch is not seen).
+    """
+    u, chance = np.clip(usual, 0.0, 1.0), numbers.chance_spread**2
+    variance = u**2 * numbers.match_spread**2 + (1.0 - u**2) * chance
+    odds = np.sqrt(chance / variance) * np.exp(0.5 * (correlation**2 / chance - (correlation - u) ** 2 / variance))
+    seen, share = odds[np.isfinite(odds)], EITHER
+    for _ in range(SHARE_ROUNDS if len(seen) else 0):
+        share = float((share * seen / (share * seen + 1.0 - share)).mean())
+    return np.asarray(share * odds / (share * odds + 1.0 - share), dtype=np.float64)
 
 
 def missing_evidence(surface: SurfaceEvidence) -> float:
@@ -205,13 +221,18 @@ def outline_open_probability(state: TrackState, estimate: PoseEstimate) -> float
     return false * float((unseen * np.maximum(0.0, 1.0 - contact_testimony(state, estimate) / SEEN)).max())
 
 
-def fixed_probability(state: TrackState, estimate: PoseEstimate, marks: Floats | None) -> float:
+def fixed_probability(state: TrackState, estimate: PoseEstimate, marks: FixedMarks | None, allowed: float) -> float:
     """Probability that what is seen is fixed in the image, as a crosshair, and not the object's.
 
-    Only where marks (3, 3) were taken for it before: they stood still while something else moved on. What lies there now, and
-    how much more surprising than usual its outline then is, tells the rest.
+    Only where marks were taken for it before: they stood still while something else moved on. What lies there now, and
+    how much more surprising than usual its outline then is, tells the rest. As long as the object itself would be within the
+    px that are allowed, no contact is wrong for it.
     """
-    if marks is None or not stands_at(state.target, estimate.G, marks):
+    target = state.target
+    if marks is None or not marks.still or not stands_at(target, estimate.G, marks.G):
+        return 0.0
+    there = marks.object_pose
+    if there is not None and max_contact_distance(target.carried_contacts(there), estimate.contacts) <= allowed:
         return 0.0
     odds = state.numbers.fixed * math.exp(max(0.0, outline_surprisal(estimate, state.numbers) - state.strange))
     return odds / (1.0 + odds)

@@ -33,6 +33,7 @@ from grasptrack.tracking.evidence import (
     power_surprisal,
     texture_evidence,
 )
+from grasptrack.tracking.fixed_patches import forget_fixed_patches
 from grasptrack.tracking.hypotheses import Predictions, Solutions, predict_hypotheses
 from grasptrack.tracking.learning import learn, lose
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
@@ -267,6 +268,7 @@ class Follower:
 
     def _predict_next(self, levels: list[Grey], time: float | None) -> tuple[Predictions, Expected]:
         """What continuity says of the next image, of which this is the pyramid, before it is looked at."""
+        forget_fixed_patches(self.state)
         self.state.advance(time)
         predictions = predict_hypotheses(self.state, levels)
         return predictions, self._expected_location(predictions)

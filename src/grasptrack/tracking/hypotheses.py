@@ -19,8 +19,10 @@ from grasptrack.tracking.evidence import (
     expected_texture,
     outline_evidence,
     pose_evidence,
+    stands_at,
     texture_evidence,
 )
+from grasptrack.tracking.fixed_patches import ALONE, against_fixed_surface, estimate_at_rest
 from grasptrack.tracking.patches import LEAST_NOISE
 from grasptrack.tracking.pose import (
     CONTINUOUS,
@@ -37,7 +39,7 @@ from grasptrack.tracking.pose import (
     sane_area,
     worst_variance,
 )
-from grasptrack.tracking.state import MAX_LOG_ODDS, TrackState
+from grasptrack.tracking.state import MAX_LOG_ODDS, FixedMarks, TrackState
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
 
@@ -59,10 +61,6 @@ LEAST_SHARE = 1e-12
 """Of the largest variance, that along an axis at least, where a covariance is inverted."""
 LEAST_OF_USUAL = 0.5
 """Share of the usual evidence of the surface below which a second solution is looked for."""
-
-ALONE = 0.5
-"""Share of a frame's motion, as a standard deviation, by which the outline alone may leave the joint answer. With all of it so
-many edges come into question everywhere that none is believed."""
 
 ROOM = 0.5
 """Share of the standard deviation that an answer may have, up to which the outline alone fixes every contact: that the surface
@@ -123,7 +121,7 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
         # without noise of a camera's own an encoder has changed the images
         step = flow.P * max(1.0, state.flow_misfit.value)
         far = state.P + step if target.noise > LEAST_NOISE else add_alike(state.P, step)
-        first.append(Hypothesis("texture", flow.G, far + Q * numbers.predicted**2 + np.diag(state.flow_lag)))
+        first.append(Hypothesis("texture", flow.G, far + Q * numbers.predicted**2 + np.diag(state.surface_lag)))
     if first and even is not None:
         calm = Hypothesis("moving on", even, state.P + state.velocity_P + Q * state.agility)
         joined = _fuse_predictions(state, first[0], calm)
@@ -285,9 +283,11 @@ class Solutions:
         self._background, self._is_taken = background, is_taken
         self.found: list[PoseEstimate] = []
         self.expected = expected
-        self._state, self._levels, self.marks = state, levels, state.marks
+        self._state, self._levels = state, levels
+        self.marks = None if state.marks is None else state.marks._replace(object_pose=None)
         self._second: list[tuple[PoseEstimate, PoseEstimate | None]] = []
         self._sharpest, self.sharp_gain = -math.inf, 0.0
+        self._at_rest: PoseEstimate | None = None
         self.add(hypotheses)
 
     def decide_among(self) -> Decision:
@@ -318,7 +318,7 @@ class Solutions:
                     estimate = changed_estimate(estimate, confirmed=True)
             if not still and estimate.hidden > state.numbers.elsewhere:
                 estimate = self._against_shutter(estimate, hypothesis)
-            self.found.append(self._against_outline(estimate, still=still))
+            self.found.append(self._against_fixed_surface(self._against_outline(estimate, still=still), still=still))
 
     def _against_shutter(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> PoseEstimate:
         """An estimate, or the one through a shutter that is open but for a moment, if this and former images speak for that.
@@ -384,16 +384,17 @@ class Solutions:
         # else nothing was taken for its surface, or what comes back does not show what moved meanwhile
         shown = not state.lost and texture_evidence(state, estimate) > 0.0
         if ground is not None and shown:
-            self.marks = estimate.G
+            self._note_marks(estimate, ground, still=False)
         if (own < least and ground is None) or not estimate.texture_agreeing:
             return estimate
         start = estimate.G
         if ground is not None or self._stands_still(estimate, state.last.G):
             start = state.last.G if ground is None else ground
-        alone = Hypothesis(estimate.origin, start, estimate.P + ALONE**2 * target.noise_of_motion)
-        other = estimate_pose(state, self._levels, alone, still=still, surface=False)
+        other = self._outline_alone(estimate, start, still=still)
         if other is None or lead_alike(target, other, estimate):
             return estimate
+        if shown and self._is_whole(other):
+            self._note_marks(estimate, other.G, still=False)
         gain, fails = outline_evidence(other, numbers) - outline_evidence(estimate, numbers), numbers.risk
         covered = max(estimate.hidden, other.hidden) > numbers.elsewhere and gain < -math.log(fails)
         if ground is not None or (not covered and self._stands_still(estimate, other.G)):
@@ -407,10 +408,45 @@ class Solutions:
         gain = min(max(gain, -MAX_LOG_ODDS), MAX_LOG_ODDS)
         right = min(max(1.0 / (1.0 + math.exp(-gain)), fails), 1.0 - fails)
         if right > 0.5 and shown and self._stands_still(estimate, other.G):
-            self.marks = estimate.G
+            self._note_marks(estimate, other.G, still=True)
         better, worse, less = (other, estimate, 1.0 - right) if right > 0.5 else (estimate, other, right)
         found: PoseEstimate = target.handle.unsure(better, worse, less)
         return changed_estimate(found, confirmed=estimate.confirmed)
+
+    def _against_fixed_surface(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate:
+        """An estimate, against a surface that may all be fixed in the image: its patches have not moved, the outline has."""
+        state, target, numbers = self._state, self._state.target, self._state.numbers
+        proven = 2 * sum(int(left.sum()) for left in state.unasked) <= sum(target.counts)
+        way = max_contact_distance(estimate.contacts, target.carried_contacts(target.A))
+        if proven or way < STILL_FROM or texture_evidence(state, estimate) <= 0.0:
+            return estimate
+        self._at_rest = self._at_rest or estimate_at_rest(state, self._levels)
+        if self._at_rest is None:
+            return estimate
+        if outline_evidence(estimate, numbers) - outline_evidence(self._at_rest, numbers) < -math.log(numbers.fixed):
+            return estimate
+        return against_fixed_surface(state, self._levels, estimate, self._at_rest, still=still)
+
+    def _outline_alone(self, estimate: PoseEstimate, start: Floats, *, still: bool) -> PoseEstimate | None:
+        """What the outline says alone from a pose (3, 3), or from where it was when it contradicted the same surface before."""
+        state, marks = self._state, self._state.marks
+        starts = [start]
+        if marks is not None and marks.object_pose is not None and stands_at(state.target, estimate.G, marks.G):
+            starts.append(marks.object_pose)
+        P, found = estimate.P + ALONE**2 * state.target.noise_of_motion, list[PoseEstimate]()
+        for G in starts:
+            alone = Hypothesis(estimate.origin, G, P)
+            other = estimate_pose(state, self._levels, alone, still=still, surface=False)
+            found += [] if other is None else [other]
+        return max(found, key=lambda other: outline_evidence(other, state.numbers), default=None)
+
+    def _note_marks(self, estimate: PoseEstimate, there: Floats, *, still: bool) -> None:
+        """Take what an estimate shows as fixed in the image, the object being elsewhere: surely, if it alone stands still."""
+        marks = self.marks
+        if marks is not None and stands_at(self._state.target, estimate.G, marks.G):
+            self.marks = FixedMarks(marks.G, there, marks.still or still)
+        else:
+            self.marks = FixedMarks(estimate.G, there, still)
 
     def _stands_still(self, estimate: PoseEstimate, elsewhere: Floats) -> bool:
         """Whether an answer leaves the object where the first or last image had it, while another pose (3, 3) moves it on."""

@@ -8,9 +8,14 @@ import numpy as np
 from grasptrack.errors import ConditioningError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.decision import Decision, squared_way
-from grasptrack.tracking.evidence import agreeing_share, contact_testimony, outline_surprisal, stands_at
+from grasptrack.tracking.evidence import (
+    agreeing_share,
+    contact_testimony,
+    outline_surprisal,
+    stands_at,
+    surface_probability,
+)
 from grasptrack.tracking.hypotheses import Predictions
-from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.pose import CONTINUOUS, Look, PoseEstimate, is_at, mean_point
 from grasptrack.tracking.state import SHORTEST_STEP, Coasting, TrackState, nothing_visible
 from grasptrack.tracking.target import Grey
@@ -36,8 +41,6 @@ STEADY = 0.5
 """Share of the larger of two motions in a row that the other one has at least, of what goes on its way."""
 LEAST_WANDER = 0.05
 """What rests may be pushed: `TrackState.wander` is never less."""
-EITHER, SHARE_ROUNDS = 0.5, 4
-"""Share of patches that are the surface's own, to begin with, and how often it is made more probable."""
 LEAST_AGILITY = 0.01
 """Share of the process noise that always remains."""
 
@@ -56,7 +59,7 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     new = min(1.0, way / (numbers.new_view * target.size)) if math.isfinite(way) else 1.0
     state.alias, state.marks = decision.alias, decision.marks
     state.sightings.bare = max(state.sightings.bare, decision.bare)
-    if decision.is_accepted and state.marks is not None and not stands_at(target, e.G, state.marks):
+    if decision.is_accepted and state.marks is not None and not stands_at(target, e.G, state.marks.G):
         state.marks = None
     _learn_motion(state, e, predictions)
     rigid = state.shutter.follow_pose(target, e.G, e.bend, steps)
@@ -66,7 +69,6 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     if not state.lost:
         repeated = target.handle.repeats(state.last.levels, state.last.G, levels, e.G)
         state.stale.add(repeated.way, repeated.change)
-        state.fixed.add(repeated.still, repeated.change)
     state.last, state.visible, state.P = Look(levels, e.G), e.visible, e.P
     state.presence, state.coasting = _clamp(decision.presence, numbers.redetected, 1.0 - numbers.hazard), None
     state.expected, state.anchored, state.unseen, state.adrift, state.lost = e.G, True, 0.0, 0.0, 0
@@ -260,25 +262,11 @@ def _learn_looks(state: TrackState, estimate: PoseEstimate) -> None:
     if math.isfinite(agreeing):
         state.agreeing += (agreeing - state.agreeing) / state.accepted
     for usual, r in zip(state.usual, estimate.correlation, strict=True):
-        told = r * _surface_probability(r, usual, state.numbers)
+        told = r * surface_probability(r, usual, state.numbers)
         if state.accepted == 1:
             # what passed for texture in the first image, as JPEG's noise, shows itself in the second
             np.minimum(usual, told, out=usual, where=np.isfinite(r))
         np.add(usual, (told - usual) * share, out=usual, where=np.isfinite(r))
-
-
-def _surface_probability(correlation: Floats, usual: Floats, numbers: Numbers) -> Floats:
-    """(n,) that patches (n,) are the surface's own, and no noise that agrees by chance: what is learned of them counts so much.
-
-    The share of noise among them is the one that makes what they show most probable (NaN where a patch is not seen).
-    """
-    u, chance = np.clip(usual, 0.0, 1.0), numbers.chance_spread**2
-    variance = u**2 * numbers.match_spread**2 + (1.0 - u**2) * chance
-    odds = np.sqrt(chance / variance) * np.exp(0.5 * (correlation**2 / chance - (correlation - u) ** 2 / variance))
-    seen, share = odds[np.isfinite(odds)], EITHER
-    for _ in range(SHARE_ROUNDS if len(seen) else 0):
-        share = float((share * seen / (share * seen + 1.0 - share)).mean())
-    return np.asarray(share * odds / (share * odds + 1.0 - share), dtype=np.float64)
 
 
 def _clamp(value: float, low: float, high: float) -> float:

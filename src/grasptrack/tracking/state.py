@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """All that changes from frame to frame: where the object is, and what is known of its camera and surface."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -251,6 +253,20 @@ class Coasting(NamedTuple):
     steps: float = 0.0
 
 
+class FixedMarks(NamedTuple):
+    """What may be fixed in the image, as a crosshair or dirt on the lens, and was taken for an object's surface.
+
+    Attributes:
+        G: (3, 3) the pose at which they show that surface.
+        object_pose: (3, 3) where the object itself is, by its outline or the ground; None where neither tells it.
+        still: they stood still while the object moved on.
+    """
+
+    G: Floats
+    object_pose: Floats | None
+    still: bool
+
+
 @dataclass
 class TrackState:
     """Where the object is, what is known of camera and part, and how sure that is.
@@ -271,6 +287,7 @@ class TrackState:
         blur_share: half of an edge's blur, of what moved across it since the last image: how long the shutter is open.
         sharp: log-odds that it is open but for a moment instead.
         usual: of each patch of the three finest levels: its correlation of late.
+        unasked: of each of them whether it may be no patch of the object but fixed in the image: see `fixed_patches`.
         time, interval: s, of the last image; a usual time between images.
         visible: (N,) probability of each sample of the outline to be visible in the last image; empty where that is not known.
         belt: (2,) px/s, how the belt on which it lies moves in the first view, where that is told; None otherwise.
@@ -281,7 +298,6 @@ class TrackState:
         presence: probability that the object is there.
         sightings: of the contacts.
         stale: work px^2, how far patches lag that lag together, as far as a video's encoder leaves them as they were.
-        fixed: work px^2, the same of patches that stand still in the image, as marks on the lens do: so far motion may lag.
         flow_misfit: squared distances of the surface's motion from what outline and first view then say, by their expectation.
         shown: (N,) 0 to 1: how much of each sample of the outline accepted images showed on average, once the object had moved.
         shown_in: so many of them.
@@ -300,7 +316,7 @@ class TrackState:
         ways: squares of how far it went in the image, a frame, as `decision.squared_way` measures them.
         strays: the same of how far it was from where even motion had it.
         coasting: how it would go on moving, once it is lost; None where its motion was not known.
-        marks: (3, 3) where what is fixed in the image was taken for its surface, until it is seen elsewhere; None otherwise.
+        marks: what is fixed in the image and was taken for its surface, until it is seen elsewhere; None otherwise.
         wander: how far it left its place on the background of late, a frame, in `Numbers.travel`; wanders: how often that was
             measured.
         unseen: how far it may have gone since it was located, likewise.
@@ -329,12 +345,12 @@ class TrackState:
     edge_width: float
     blur_share: float
     usual: list[Floats]
+    unasked: list[Bools]
     time: float | None
     sharp: float = 0.0
     belt: Floats | None = None
     interval: float | None = None
     stale: FadingRatio = field(default_factory=lambda: FadingRatio(0.0, STALE_PRIOR))
-    fixed: FadingRatio = field(default_factory=lambda: FadingRatio(0.0, STALE_PRIOR))
     flow_misfit: FadingRatio = field(default_factory=lambda: FadingRatio(FLOW_PRIOR, FLOW_PRIOR))
     shown: Floats = field(default_factory=nothing_visible)
     shown_in: int = 0
@@ -359,7 +375,7 @@ class TrackState:
     moves: int = 0
     strays: FadingRatio = field(default_factory=lambda: FadingRatio(WAYS_PRIOR, WAYS_PRIOR))
     coasting: Coasting | None = None
-    marks: Floats | None = None
+    marks: FixedMarks | None = None
     anchored: bool = True
     ways: FadingRatio = field(default_factory=lambda: FadingRatio(WAYS_PRIOR, WAYS_PRIOR))
     wander: float = 1.0
@@ -436,15 +452,7 @@ class TrackState:
     @property
     def surface_lag(self) -> Floats:
         """(8,) variances of the pose's error that the surface's patches share."""
-        return self._common_error(self.stale.value)
-
-    @property
-    def flow_lag(self) -> Floats:
-        """(8,) variances of the error that the surface's motion has where some of what it shows is the image's own."""
-        return self._common_error(max(self.stale.value, self.fixed.value))
-
-    def _common_error(self, lag: float) -> Floats:
-        share = lag / (self.numbers.drift * self.target.size) ** 2
+        share = self.stale.value / (self.numbers.drift * self.target.size) ** 2
         return np.asarray(np.diagonal(self.target.noise_of_motion) * share, dtype=np.float64)
 
     @property

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is followed, as the estimator looks for it: outline, texture and contacts of the first view."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,7 +17,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import HORIZON, apply_homography, behind_camera_error
 from grasptrack.grasp.force_closure import FINGER_WIDTH
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.typing import Floats
+from grasptrack.typing import Bools, Floats
 
 Grey = NDArray[np.uint8]
 
@@ -206,6 +208,36 @@ class Target:
     def precision_of_motion(self) -> Floats:
         """(8,) the inverse of its diagonal."""
         return np.asarray(1.0 / np.diagonal(self.noise_of_motion), dtype=np.float64)
+
+    def with_patches(self, own: list[Bools]) -> Target:
+        """The same with some of the surface's patches alone, (n,) of each level in `counts`.
+
+        Coarser ones, and places of motion, go where more of the others than of these lie in them.
+        """
+        textures = list(self.recipe.textures)
+        kept, dropped = np.empty((0, 2)), np.empty((0, 2))
+        for k, which in enumerate(own):
+            levels, places, stride = textures[k]
+            if len(places) == len(which):
+                kept, dropped = np.concatenate([kept, places[which]]), np.concatenate([dropped, places[~which]])
+                textures[k] = levels, places[which], stride
+
+        def clear(places: Floats, stride: float) -> Floats:
+            fixed, moving = (
+                (np.abs(places[:, None] - others).max(axis=2) <= PATCH * stride).sum(axis=1)
+                for others in (dropped, kept)
+            )
+            return np.ascontiguousarray(places[fixed <= moving])
+
+        textures[len(own) :] = [
+            (levels, clear(places, stride), stride) for levels, places, stride in textures[len(own) :]
+        ]
+        recipe = replace(self.recipe, textures=textures)
+        corners, counts = (
+            clear(self.corners, float(self.corner_strides.max())),
+            tuple(int(which.sum()) for which in own),
+        )
+        return replace(self, corners=corners, counts=counts, recipe=recipe, handle=recipe.build_target())
 
     def carried_contacts(self, G: Floats) -> Floats:
         """(k, 2) px, the contacts in an image that shows the target through G."""
