@@ -350,7 +350,7 @@ nb::object strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, c
     for (const auto &p : target.points) cx += p.x / static_cast<double>(n), cy += p.y / static_cast<double>(n);
     target.cx = cx;
     target.cy = cy;
-    const pose::Seen seen = pose::look_through(pyramid, target.A, cx, cy, 1.0);
+    const pose::Seen seen = pose::look_through(pyramid, target.A, {cx, cy});
     std::vector<double> offset(n, std::numeric_limits<double>::quiet_NaN()), step(n, 0.0), inner(n * pose::inner_pixels), width = offset;
     const int span = reach + 2 * pose::most_half;
     std::vector<double> line(static_cast<std::size_t>(2 * span + 1));

@@ -91,11 +91,14 @@ GRASPTRACK_WIDE inline void find_candidates(const double *values, int span, int 
     for (int k = first - 1; k <= last + 1; ++k) g[k] = 0.5 * t[k] + 0.25 * (t[k - 1] + t[k + 1]);
     const double least = 2.5 * noise * std::sqrt(2.0 / half);
     out.count = 0;
+    std::int64_t peak[most_profile];
     for (int k = first; k <= last; ++k) {
         const double a = std::abs(g[k]);
-        if (!(a > least)) continue;
-        const double before = std::abs(g[k - 1]), after = std::abs(g[k + 1]);
-        if (!(a >= before && a > after && g[k - 1] * g[k] >= 0 && g[k + 1] * g[k] >= 0)) continue;
+        peak[k] = (a > least) & (a >= std::abs(g[k - 1])) & (a > std::abs(g[k + 1])) & (g[k - 1] * g[k] >= 0) & (g[k + 1] * g[k] >= 0);
+    }
+    for (int k = first; k <= last; ++k) {
+        if (!peak[k]) continue;
+        const double a = std::abs(g[k]), before = std::abs(g[k - 1]), after = std::abs(g[k + 1]);
         const double bend = before - 2 * a + after;
         const double offset = k - span + (bend != 0 ? 0.5 * (before - after) / bend : 0.0);
         int at = out.count;
@@ -218,7 +221,7 @@ GRASPTRACK_WIDE inline EdgeView measure_edges(const Target &target, const Pyrami
     const int span = std::min(most_span, reach + beyond);
     std::vector<double> values(static_cast<std::size_t>(2 * span + 1));
     int inside = 0, found = 0;
-    const Seen seen = look_through(pyramid, G, target.cx, target.cy, 1.0);
+    const Seen seen = look_through(pyramid, G, {target.cx, target.cy});
     for (std::size_t i = 0; i < n; ++i) {
         EdgeSample &s = view.samples[i];
         s.inside = profile(seen, places[i], target.normals[i], span, part_of(span, reach, half[i]), values.data());

@@ -16,6 +16,12 @@
 #else
 #define GRASPTRACK_WIDE
 #endif
+// What such loops call: compiled with them, and as wide.
+#if defined(__GNUC__)
+#define GRASPTRACK_WITHIN inline __attribute__((always_inline))
+#else
+#define GRASPTRACK_WITHIN inline
+#endif
 
 namespace grasptrack::pose {
 
@@ -97,6 +103,16 @@ template <std::size_t N> Matrix<N> unpacked(const Packed<N> &a) {
     return out;
 }
 
+// Sum of N products, in parts that do not wait for each other.
+template <std::size_t N> GRASPTRACK_WITHIN double sum_of_products(const double *a, const double *b) {
+    constexpr std::size_t parts = 4, even = N / parts * parts;
+    double sum[parts] = {};
+    for (std::size_t k = 0; k < even; k += parts)
+        for (std::size_t p = 0; p < parts; ++p) sum[p] += a[k + p] * b[k + p];
+    for (std::size_t k = even; k < N; ++k) sum[0] += a[k] * b[k];
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
 // A matrix whose quadratic form is asked for often, of vectors whose outer products are known.
 template <std::size_t N> class Form {
   public:
@@ -105,13 +121,8 @@ template <std::size_t N> class Form {
         for (std::size_t i = 0; i < N; ++i)
             for (std::size_t j = i; j < N; ++j) packed_[at++] = j == i ? a[i * N + i] : a[i * N + j] + a[j * N + i];
     }
-    double operator()(const Packed<N> &outer) const {
-        constexpr std::size_t parts = 4, size = N * (N + 1) / 2, even = size / parts * parts;
-        double sum[parts] = {};
-        for (std::size_t k = 0; k < even; k += parts)
-            for (std::size_t p = 0; p < parts; ++p) sum[p] += packed_[k + p] * outer[k + p];
-        for (std::size_t k = even; k < size; ++k) sum[0] += packed_[k] * outer[k];
-        return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+    GRASPTRACK_WITHIN double operator()(const Packed<N> &outer) const {
+        return sum_of_products<N *(N + 1) / 2>(packed_.data(), outer.data());
     }
 
   private:

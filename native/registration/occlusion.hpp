@@ -218,7 +218,7 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
     const std::vector<std::size_t> asked = cells_asked(visible, bounded);
     if (asked.empty()) return -1.0;
     std::vector<double> inner(n * region_cells), outer(n * region_cells);
-    const Seen seen = look_through(pyramid, G, target.cx, target.cy, 1.0);
+    const Seen seen = look_through(pyramid, G, {target.cx, target.cy});
     for (std::size_t i = 0; i < n; ++i)
         for (std::size_t k = 0; k < asked[i]; ++k)
             for (int side = 0; side < 2; ++side) {

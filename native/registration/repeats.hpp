@@ -19,7 +19,7 @@ struct Repeats {
 };
 
 // Which patches of the finest levels an image shows where the last one has them, to the grey level or nearly, though the pose moved on.
-inline Repeats count_repeats(const Target &target, const Pyramid &before, const Homography &last, const Pyramid &now, const Homography &G) {
+GRASPTRACK_WIDE inline Repeats count_repeats(const Target &target, const Pyramid &before, const Homography &last, const Pyramid &now, const Homography &G) {
     constexpr double rounding = 2.0 / 12;  // variance of the difference of two whole numbers: two exposures differ by more
     constexpr double plain = 6;            // times as much is no rounding
     Repeats out;

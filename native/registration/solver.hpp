@@ -201,11 +201,12 @@ class Solver {
         std::vector<PatchRow> rows;
         std::vector<std::size_t> still;
         std::size_t asked = 0;
+        const double way = moved_from_first(G, {target_.cx, target_.cy});
         for (std::size_t level = first; level < std::min(end, target_.texture.size()); ++level) {
             const PatchSet &set = target_.texture[level];
             for (const Patch &patch : set.patches) {
                 rows.push_back({&patch, match_patch(pyramid_, G, patch, seen_at({patch.x, patch.y}, patch.rows), set.stride, target_.noise, numbers_.texture_floor * set.stride)});
-                if (!rows.back().match.inside || !may_stand_still(G, patch, rows.back().match.correlation)) continue;
+                if (!rows.back().match.inside || !may_stand_still(G, way, patch, rows.back().match.correlation)) continue;
                 ++asked;
                 const PatchMatch there = match_patch(pyramid_, target_.A, patch, {patch.x, patch.y}, set.stride, target_.noise, 0.0);
                 if (there.correlation > agreeing) still.push_back(rows.size() - 1);
@@ -217,15 +218,16 @@ class Solver {
         return rows;
     }
 
-    // Whether a patch does not lie where the pose has it, or lies there because the object turned about it, though that has moved.
-    bool may_stand_still(const Homography &G, const Patch &patch, double correlation) const {
+    // px that a place has moved since the first view.
+    double moved_from_first(const Homography &G, Point p) const {
+        const Point here = carried(G, p.x, p.y), first = carried(target_.A, p.x, p.y);
+        return std::hypot(here.x - first.x, here.y - first.y);
+    }
+
+    // Whether a patch does not lie where the pose has it, or lies there because the object turned about it, though that has moved a way.
+    bool may_stand_still(const Homography &G, double way, const Patch &patch, double correlation) const {
         constexpr double least = 1.0, share = 0.25;  // px that the object's middle has moved, and of that what stands still
-        const auto moved = [&](double x, double y) {
-            const Point here = carried(G, x, y), first = carried(target_.A, x, y);
-            return std::hypot(here.x - first.x, here.y - first.y);
-        };
-        const double way = moved(target_.cx, target_.cy);
-        return way > least && !(correlation > agreeing && moved(patch.x, patch.y) > share * way);
+        return way > least && !(correlation > agreeing && moved_from_first(G, {patch.x, patch.y}) > share * way);
     }
 
     // Coarse to fine on the texture, before edges are looked at: their candidates are many, its valley is wide.

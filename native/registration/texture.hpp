@@ -25,13 +25,18 @@ inline double alone_of(double noise, double stride) { return 236.0 / 512 * patch
 constexpr int within_pixels = (patch_side - 2) * (patch_side - 2);
 
 // Sums of squares of Scharr's gradients of a patch's inner pixels along the axis (cosine, sine) and across it, per work px^2.
-inline std::array<double, 2> power_within(const double *value, double stride, double cosine, double sine) {
+GRASPTRACK_WITHIN std::array<double, 2> power_within(const double *value, double stride, double cosine, double sine) {
+    constexpr int first = patch_side + 1, end = patch_pixels - first;
+    double xs[patch_pixels], ys[patch_pixels];
+    for (int k = first; k < end; ++k) {  // those of the border as well, without a break
+        const double *here = value + k, *above = here - patch_side, *below = here + patch_side;
+        xs[k] = 10 * (here[1] - here[-1]) + 3 * (above[1] - above[-1] + below[1] - below[-1]);
+        ys[k] = 10 * (below[0] - above[0]) + 3 * (below[-1] - above[-1] + below[1] - above[1]);
+    }
     double xx = 0, xy = 0, yy = 0;
     for (int j = 1; j + 1 < patch_side; ++j)
         for (int i = 1; i + 1 < patch_side; ++i) {
-            const double *here = value + j * patch_side + i, *above = here - patch_side, *below = here + patch_side;
-            const double x = 10 * (here[1] - here[-1]) + 3 * (above[1] - above[-1] + below[1] - below[-1]);
-            const double y = 10 * (below[0] - above[0]) + 3 * (below[-1] - above[-1] + below[1] - above[1]);
+            const double x = xs[j * patch_side + i], y = ys[j * patch_side + i];
             xx += x * x;
             xy += x * y;
             yy += y * y;
@@ -94,9 +99,9 @@ inline bool holds_square(const Level &level, Point c, double ux, double uy, doub
 // A patch of an image seen through G; false where it is not whole in view.
 GRASPTRACK_WIDE inline bool cut_patch(const Target &target, const Pyramid &pyramid, const Homography &G, double x, double y, double stride,
                       Patch &out) {
-    const Seen seen = look_through(pyramid, G, x, y, stride);
-    const Point c = carried(seen.H, x, y);
-    const auto d = derivatives(seen.H, x, y);
+    const SeenPoint seen = look_at(pyramid, G, {x, y}, stride);
+    const Point c = seen.at;
+    const auto &d = seen.by;
     constexpr int half = patch_side / 2 + 1, side = patch_side + 2;
     const double ux = d[0] * stride, uy = d[2] * stride, vx = d[1] * stride, vy = d[3] * stride;
     if (!holds_square(*seen.level, c, half * ux, half * uy, half * vx, half * vy)) return false;
@@ -200,10 +205,10 @@ struct Lattice {
     double x[patch_pixels], y[patch_pixels];
 
     // False where it is not whole in view.
-    bool lay(const Pyramid &pyramid, const Homography &G, Point place, double stride) {
-        const Seen seen = look_through(pyramid, G, place.x, place.y, stride);
-        const Point c = carried(seen.H, place.x, place.y);
-        const auto d = derivatives(seen.H, place.x, place.y);
+    GRASPTRACK_WITHIN bool lay(const Pyramid &pyramid, const Homography &G, Point place, double stride) {
+        const SeenPoint seen = look_at(pyramid, G, place, stride);
+        const Point c = seen.at;
+        const auto &d = seen.by;
         constexpr int half = patch_side / 2;
         const double ux = d[0] * stride, uy = d[2] * stride, vx = d[1] * stride, vy = d[3] * stride;
         level = seen.level;
@@ -226,27 +231,21 @@ GRASPTRACK_WIDE inline PatchMatch match_patch(const Pyramid &pyramid, const Homo
     if (!lattice.lay(pyramid, G, place, stride)) return out;
     double value[patch_pixels];
     lattice.level->at(lattice.x, lattice.y, patch_pixels, value);
-    // Each sum in parts that do not wait for each other.
     constexpr int parts = 4, even = patch_pixels / parts * parts;
     double sum[parts] = {};
     for (int i = 0; i < even; i += parts)
         for (int p = 0; p < parts; ++p) sum[p] += value[i + p];
     for (int i = even; i < patch_pixels; ++i) sum[0] += value[i];
     const double mean = (sum[0] + sum[1] + sum[2] + sum[3]) / patch_pixels;
-    double owns[parts] = {}, crosses[parts] = {}, exs[parts] = {}, eys[parts] = {};
-    const float *own_value = patch.value.data(), *gx = patch.gx.data(), *gy = patch.gy.data();
-    const auto add = [&](int i, int p) {
-        const double v = value[i] - mean;
-        owns[p] += v * v;
-        crosses[p] += v * static_cast<double>(own_value[i]);
-        exs[p] += v * static_cast<double>(gx[i]);
-        eys[p] += v * static_cast<double>(gy[i]);
+    double varied[patch_pixels];
+    for (int i = 0; i < patch_pixels; ++i) varied[i] = value[i] - mean;
+    const auto against = [&](const std::array<float, patch_pixels> &other) {
+        double wide[patch_pixels];
+        std::copy(other.begin(), other.end(), wide);
+        return sum_of_products<patch_pixels>(varied, wide);
     };
-    for (int i = 0; i < even; i += parts)
-        for (int p = 0; p < parts; ++p) add(i + p, p);
-    for (int i = even; i < patch_pixels; ++i) add(i, 0);
-    const auto all_of = [](const double *s) { return (s[0] + s[1]) + (s[2] + s[3]); };
-    const double own = all_of(owns), cross = all_of(crosses), ex = all_of(exs), ey = all_of(eys);
+    const double own = sum_of_products<patch_pixels>(varied, varied), cross = against(patch.value);
+    const double ex = against(patch.gx), ey = against(patch.gy);
     out.inside = true;
     const double grain = patch_pixels * noise * noise;
     out.correlation = cross / std::sqrt((own + grain) * (patch.variance + grain));
