@@ -863,6 +863,18 @@ def surface_evidence(
         ValueError: other numbers of correlations than of what is usual, or of shares than of priors.
     """
 
+def surface_probability(
+    correlation: Sequence[Floats], usual: Sequence[Floats], match_spread: float, chance_spread: float
+) -> list[Floats]:
+    """(n,) for each level that its patches are the surface's own, and no noise that agrees by chance; NaN where not seen.
+
+    The share of noise in a level is the one that makes what its patches show most probable. Arguments are as of
+    `surface_evidence`.
+
+    Raises:
+        ValueError: other numbers of correlations than of what is usual.
+    """
+
 def finger_clearance(
     points: Floats,
     offsets: Ints,

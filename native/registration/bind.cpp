@@ -376,12 +376,27 @@ double seen_area(const Doubles &G, const Doubles &points) {
     return pose::seen_area(fixed<9>(G, "G"), points.data(), points.shape(0));
 }
 
-nb::object surface_evidence(const std::vector<Doubles> &correlation, const std::vector<Doubles> &usual, const Doubles &shares,
-                           const Doubles &log_prior, double match_spread, double chance_spread, double independent) {
-    if (count(log_prior) != count(shares)) throw std::invalid_argument("each share needs its prior");
+void check_usual(const std::vector<Doubles> &correlation, const std::vector<Doubles> &usual) {
     bool alike = usual.size() == correlation.size();
     for (std::size_t k = 0; alike && k < usual.size(); ++k) alike = count(usual[k]) == count(correlation[k]);
     if (!alike) throw std::invalid_argument("each correlation needs what is usual");
+}
+
+nb::list surface_probability(const std::vector<Doubles> &correlation, const std::vector<Doubles> &usual, double match_spread, double chance_spread) {
+    check_usual(correlation, usual);
+    nb::list levels;
+    for (std::size_t k = 0; k < usual.size(); ++k) {
+        Output<> out(count(usual[k]));
+        pose::surface_probability(correlation[k].data(), usual[k].data(), count(usual[k]), match_spread, chance_spread, out.values());
+        levels.append(out.array());
+    }
+    return levels;
+}
+
+nb::object surface_evidence(const std::vector<Doubles> &correlation, const std::vector<Doubles> &usual, const Doubles &shares,
+                           const Doubles &log_prior, double match_spread, double chance_spread, double independent) {
+    if (count(log_prior) != count(shares)) throw std::invalid_argument("each share needs its prior");
+    check_usual(correlation, usual);
     pose::SurfaceEvidence out{0.0, std::vector<double>(count(shares), 0.0)};
     for (std::size_t k = 0; k < usual.size(); ++k)
         pose::add_level(out, correlation[k].data(), usual[k].data(), count(usual[k]), shares.data(), log_prior.data(), count(shares),
@@ -478,6 +493,7 @@ void bind_registration(nb::module_ &m) {
     m.def("seen_area", &seen_area, "G"_a, "points"_a);
     m.def("surface_evidence", &surface_evidence, "correlation"_a, "usual"_a, "shares"_a, "log_prior"_a, "match_spread"_a,
           "chance_spread"_a, "independent"_a);
+    m.def("surface_probability", &surface_probability, "correlation"_a, "usual"_a, "match_spread"_a, "chance_spread"_a);
     m.def("strongest_edges", &strongest_edges, "levels"_a, "A"_a, "points"_a, "normals"_a, "noise"_a, "reach"_a, "half"_a);
 }
 

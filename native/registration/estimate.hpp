@@ -101,11 +101,36 @@ struct SurfaceNumbers {
     double independent;                  // patches that count as one
 };
 
+// Likelihood ratio of a patch's correlation: this surface, as it usually agrees, against another one.
+inline double likeness(double r, double usual, double match2, double chance2) {
+    const double u = std::clamp(usual, 0.0, 1.0), variance = u * u * match2 + (1 - u * u) * chance2;
+    // what usually agrees little may agree by chance today, and not tomorrow
+    return std::sqrt(chance2 / variance) * std::exp(0.5 * (r * r / chance2 - (r - u) * (r - u) / variance));
+}
+
+// Probabilities (n) that the patches of one level are the surface's own: their share is the one that makes what they show most
+// probable. NaN of those that are not seen.
+inline void surface_probability(const double *correlation, const double *usual, std::size_t n, double match, double chance, double *out) {
+    constexpr int rounds = 4;
+    double share = 0.5, seen = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+        out[i] = likeness(correlation[i], usual[i], match * match, chance * chance);
+        seen += std::isfinite(out[i]);
+    }
+    for (int round = 0; round < rounds && seen > 0; ++round) {
+        double own = 0;
+        for (std::size_t i = 0; i < n; ++i)
+            if (std::isfinite(out[i])) own += share * out[i] / (share * out[i] + 1 - share);
+        share = own / seen;
+    }
+    for (std::size_t i = 0; i < n; ++i) out[i] = share * out[i] / (share * out[i] + 1 - share);
+}
+
 // Log-likelihood ratios of one level's correlations, NaN where not seen: this surface, each share of it covered, against another one.
 inline std::vector<double> level_evidence(const double *correlation, const double *usual, std::size_t n, const double *share,
                                           std::size_t m, const SurfaceNumbers &numbers) {
     std::vector<double> product(m, 1.0), sum(m, 0.0);
-    const double chance = numbers.chance_spread, chance2 = chance * chance, match2 = numbers.match_spread * numbers.match_spread;
+    const double chance2 = numbers.chance_spread * numbers.chance_spread, match2 = numbers.match_spread * numbers.match_spread;
     constexpr double far = 1e30;  // a product is taken to a logarithm before it is lost
     double least = 1, low = 1, high = 1;
     for (std::size_t k = 0; k < m; ++k) least = std::min(least, share[k]);
@@ -119,9 +144,7 @@ inline std::vector<double> level_evidence(const double *correlation, const doubl
     for (std::size_t i = 0; i < n; ++i) {
         const double r = correlation[i];
         if (!std::isfinite(r)) continue;
-        const double u = std::clamp(usual[i], 0.0, 1.0), variance = u * u * match2 + (1 - u * u) * chance2;
-        // what usually agrees little may agree by chance today, and not tomorrow
-        const double ratio = std::sqrt(chance2 / variance) * std::exp(0.5 * (r * r / chance2 - (r - u) * (r - u) / variance));
+        const double ratio = likeness(r, usual[i], match2, chance2);
         low *= std::max(std::min(ratio, 1.0), least);
         high *= std::max(ratio, 1.0);
         for (std::size_t k = 0; k < m; ++k) product[k] *= (1 - share[k]) * ratio + share[k];

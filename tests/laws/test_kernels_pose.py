@@ -168,10 +168,13 @@ def test_evidence_of_surfaces(seed: int, counts: list[int], m: int) -> None:
     usual = [rng.uniform(-0.2, 1.2, n) for n in counts]
     asked = r, usual, rng.uniform(0.0, 1.0, m), np.log(rng.uniform(0.01, 1.0, m)), 0.18, 0.33, 3.0
     same(native.surface_evidence(*asked), reference.surface_evidence(*asked))
+    same(native.surface_probability(r, usual, 0.18, 0.33), reference.surface_probability(r, usual, 0.18, 0.33))
     for module in (native, reference):
         for wrong in ([*usual, np.zeros(1)], [np.zeros(len(u) + 1) for u in usual] or [np.zeros(1)]):
             with pytest.raises(ValueError, match="usual"):
                 module.surface_evidence(r, wrong, *asked[2:])
+            with pytest.raises(ValueError, match="usual"):
+                module.surface_probability(r, wrong, 0.18, 0.33)
         with pytest.raises(ValueError, match="prior"):
             module.surface_evidence(r, usual, asked[2], np.zeros(m + 1), *asked[4:])
 

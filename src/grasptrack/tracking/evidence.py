@@ -48,8 +48,6 @@ STILL_FROM = 1.0
 """px that something has moved, from which on it stands still no more."""
 MAX_EXPONENT = 50.0
 """Of odds: beyond it nothing changes."""
-EITHER, SHARE_ROUNDS = 0.5, 4
-"""Share of patches that are the surface's own, to begin with, and how often it is made more probable."""
 SHARES = 200
 """Shares of agreeing places over which is summed; a numerical accuracy."""
 
@@ -77,20 +75,6 @@ def surface_evidence(
     """
     spreads = numbers.match_spread, numbers.chance_spread, numbers.patch_share
     return kernels.surface_evidence(correlation, usual, SHARES_MISSING, log_prior, *spreads)
-
-
-def surface_probability(correlation: Floats, usual: Floats, numbers: Numbers) -> Floats:
-    """(n,) that patches (n,) are the surface's own, and no noise that agrees by chance: what is learned of them counts so much.
-
-    The share of noise among them is the one that makes what they show most probable (NaN where a patch is not seen).
-    """
-    u, chance = np.clip(usual, 0.0, 1.0), numbers.chance_spread**2
-    variance = u**2 * numbers.match_spread**2 + (1.0 - u**2) * chance
-    odds = np.sqrt(chance / variance) * np.exp(0.5 * (correlation**2 / chance - (correlation - u) ** 2 / variance))
-    seen, share = odds[np.isfinite(odds)], EITHER
-    for _ in range(SHARE_ROUNDS if len(seen) else 0):
-        share = float((share * seen / (share * seen + 1.0 - share)).mean())
-    return np.asarray(share * odds / (share * odds + 1.0 - share), dtype=np.float64)
 
 
 def missing_evidence(surface: SurfaceEvidence) -> float:

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from grasptrack import kernels
 from grasptrack.kernels import PATCH_SIDE
 from grasptrack.kernels.results import SurfaceEvidence
 from grasptrack.tracking.estimator import FIRST_POSE_SD, estimate_pose
@@ -12,7 +13,6 @@ from grasptrack.tracking.evidence import (
     MAX_EXPONENT,
     outline_evidence,
     surface_evidence,
-    surface_probability,
     texture_evidence,
 )
 from grasptrack.tracking.pose import Hypothesis, PoseEstimate, carried_in_front, changed_estimate
@@ -47,7 +47,8 @@ def forget_fixed_patches(state: TrackState) -> None:
     found: SurfaceEvidence = surface_evidence(shown, state.usual, numbers)
     if numbers.temper * found.log_odds < -math.log(numbers.fixed):
         return
-    own = [~(surface_probability(r, u, numbers) > 0.5) for r, u in zip(shown, state.usual, strict=True)]
+    spreads = numbers.match_spread, numbers.chance_spread
+    own = [~(fixed > 0.5) for fixed in kernels.surface_probability(shown, state.usual, *spreads)]
     state.target = target.with_patches(own)
     state.usual = [usual[kept] for usual, kept in zip(state.usual, own, strict=True)]
     state.unasked = [left[kept] for left, kept in zip(state.unasked, own, strict=True)]

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from grasptrack import kernels
 from grasptrack.errors import ConditioningError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.decision import Decision, squared_way
@@ -13,7 +14,6 @@ from grasptrack.tracking.evidence import (
     contact_testimony,
     outline_surprisal,
     stands_at,
-    surface_probability,
 )
 from grasptrack.tracking.hypotheses import Predictions
 from grasptrack.tracking.pose import CONTINUOUS, Look, PoseEstimate, is_at, mean_point
@@ -261,8 +261,11 @@ def _learn_looks(state: TrackState, estimate: PoseEstimate) -> None:
     agreeing = agreeing_share(estimate)
     if math.isfinite(agreeing):
         state.agreeing += (agreeing - state.agreeing) / state.accepted
-    for usual, r in zip(state.usual, estimate.correlation, strict=True):
-        told = r * surface_probability(r, usual, state.numbers)
+    spreads = state.numbers.match_spread, state.numbers.chance_spread
+    # noise that agrees by chance is not learned
+    own = kernels.surface_probability(estimate.correlation, state.usual, *spreads)
+    for usual, r, probability in zip(state.usual, estimate.correlation, own, strict=True):
+        told = r * probability
         if state.accepted == 1:
             # what passed for texture in the first image, as JPEG's noise, shows itself in the second
             np.minimum(usual, told, out=usual, where=np.isfinite(r))

@@ -51,6 +51,24 @@ def surface_evidence(
     return SurfaceEvidence(odds, by_share)
 
 
+def surface_probability(
+    correlation: Sequence[Floats], usual: Sequence[Floats], match_spread: float, chance_spread: float
+) -> list[Floats]:
+    if [len(r) for r in correlation] != [len(u) for u in usual]:
+        raise ValueError("each correlation needs what is usual")
+    return [_own_probability(r, u, match_spread, chance_spread) for r, u in zip(correlation, usual, strict=True)]
+
+
+def _own_probability(r: Floats, usual: Floats, match_spread: float, chance_spread: float) -> Floats:
+    u = np.clip(usual, 0.0, 1.0)
+    variance = u**2 * match_spread**2 + (1.0 - u**2) * chance_spread**2
+    odds = chance_spread / np.sqrt(variance) * np.exp(0.5 * (r**2 / chance_spread**2 - (r - u) ** 2 / variance))
+    seen, share = odds[np.isfinite(odds)], 0.5
+    for _ in range(4 if len(seen) else 0):
+        share = float((share * seen / (share * seen + 1.0 - share)).mean())
+    return np.asarray(share * odds / (share * odds + 1.0 - share))
+
+
 def _level_evidence(r: Floats, usual: Floats, shares: Floats, match_spread: float, chance_spread: float) -> Floats:
     """(m,) of one level, all of whose patches are seen, each counting."""
     usual = np.clip(usual, 0.0, 1.0)
