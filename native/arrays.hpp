@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "geometry/points.hpp"
+#include "wide.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -45,7 +46,7 @@ inline Points points_of(const PointArray &array) { return {vectors(array), array
 // large the third moments' powers stay finite.
 constexpr double farthest = 1e12;
 
-inline bool all_within(const double *values, std::size_t count, double most) {
+GRASPTRACK_WIDE inline bool all_within(const double *values, std::size_t count, double most) {
     bool good = true;  // without a way out, so that several are looked at at a time
     for (std::size_t i = 0; i < count; ++i) good &= std::fabs(values[i]) <= most;  // a NaN is not
     return good;

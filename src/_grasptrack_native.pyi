@@ -26,6 +26,7 @@ from grasptrack.kernels.results import (
     Distortion,
     FittedHomography,
     FusedPose,
+    JudgedContacts,
     MatchWindow,
     PlacedContacts,
     PlaneViews,
@@ -247,6 +248,11 @@ def force_closure(contacts: Floats, normals: Floats, cx: float, cy: float, rho: 
     Raises:
         ValueError: fewer than 2 or more than 8 contacts, rho not above 0 or friction below 0.
     """
+
+def judge_contacts(
+    points: Floats, offsets: Ints, contacts: Floats, width: float, cx: float, cy: float, rho: float, friction: float
+) -> JudgedContacts:
+    """`project_to_contour`, `contact_frames` and `force_closure` of a grasp in one; arguments and errors are theirs."""
 
 def carried_angles(maps: Floats, contacts: Floats, normals: Floats, rho: float) -> Floats:
     """The smallest friction angle with which a grasp closes under each of some homographies.

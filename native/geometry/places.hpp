@@ -3,8 +3,10 @@
 #pragma once
 
 #include <algorithm>
+#include <cstdint>
 #include <limits>
 
+#include "../wide.hpp"
 #include "points.hpp"
 
 namespace grasptrack {
@@ -66,7 +68,7 @@ struct Projected {
 // The nearest places to two queries; both are held against a segment at once.
 class Nearby {
   public:
-    Nearby(const Outline &outline, Vec first, Vec second)
+    GRASPTRACK_WITHIN Nearby(const Outline &outline, Vec first, Vec second)
         : outline_(outline), queries_{first, second}, x_{first.x, second.x}, y_{first.y, second.y} {
         // Some vertices first, so that most segments are seen to be too far at a glance.
         for (std::size_t i = 0; i < outline.points.size; i += std::max<std::size_t>(8, outline.points.size / 64)) {
@@ -95,19 +97,36 @@ class Nearby {
         return dx * dx + dy * dy;
     }
 
-    void search(std::size_t c) {
+    GRASPTRACK_WITHIN void search(std::size_t c) {
         const Points points = outline_.contour(c);
-        Vec start = points[0];
-        for (std::size_t i = 0; i < points.size; ++i) {
-            const Vec end = points[i + 1 < points.size ? i + 1 : 0], side = end - start;
-            const double square = dot(side, side);
-            // Who is within d of a segment is within d + its length of its start: with squares, twice their sum.
-            const Pair near = squared_distance(start), limit = both(2) * (best_ + both(square));
-            const bool far[] = {near[0] > limit[0], near[1] > limit[1]};
-            if (!(far[0] & far[1]))
-                for (int q = 0; q < 2; ++q) improve(q, c, i, queries_[q] - start, side, square);
-            start = end;
+        constexpr std::size_t most = 32;
+        std::int64_t near[most];
+        std::size_t first = 0;
+        for (; first + most < points.size; first += most) {
+            if (!look_at(points.data + first, near)) continue;
+            for (std::size_t i = 0; i < most; ++i)
+                if (near[i]) improve(c, first + i, points[first + i + 1]);
         }
+        for (; first < points.size; ++first) improve(c, first, points[first + 1 < points.size ? first + 1 : 0]);
+    }
+
+    // Which of so many segments may be nearer to a query than all before.
+    template <std::size_t N> GRASPTRACK_WITHIN bool look_at(const Vec *p, std::int64_t (&near)[N]) const {
+        const double x0 = x_[0], x1 = x_[1], y0 = y_[0], y1 = y_[1], best0 = best_[0], best1 = best_[1];
+        std::int64_t any = 0;
+        for (std::size_t i = 0; i < N; ++i) {
+            const double dx = p[i + 1].x - p[i].x, dy = p[i + 1].y - p[i].y, square = dx * dx + dy * dy;
+            const double ax = x0 - p[i].x, ay = y0 - p[i].y, bx = x1 - p[i].x, by = y1 - p[i].y;
+            // Who is within d of a segment is within d + its length of its start: with squares, twice their sum.
+            near[i] = !(ax * ax + ay * ay > 2 * (best0 + square)) | !(bx * bx + by * by > 2 * (best1 + square));
+            any |= near[i];
+        }
+        return any != 0;
+    }
+
+    void improve(std::size_t c, std::size_t i, Vec end) {
+        const Vec start = outline_.contour(c)[i], side = end - start;
+        for (int q = 0; q < 2; ++q) improve(q, c, i, queries_[q] - start, side, dot(side, side));
     }
 
     void improve(int q, std::size_t c, std::size_t i, Vec gap, Vec side, double square) {
@@ -124,7 +143,7 @@ class Nearby {
     std::size_t at_[2] = {0, 0}, contour_[2] = {0, 0};
 };
 
-inline void project_to_contour(const Outline &outline, Points queries, Projected *out) {
+GRASPTRACK_WIDE inline void project_to_contour(const Outline &outline, Points queries, Projected *out) {
     std::size_t k = 0;
     for (; k + 1 < queries.size; k += 2) {
         const Nearby nearby(outline, queries[k], queries[k + 1]);

@@ -5,6 +5,7 @@
 
 #include "../arrays.hpp"
 #include "../geometry/homography.hpp"
+#include "../geometry/places.hpp"
 #include "closure.hpp"
 #include "contact.hpp"
 #include "fingers.hpp"
@@ -52,12 +53,22 @@ nb::object rank_grasps_(const Candidates &candidates, const Input<std::int64_t, 
     return record(chosen.array(), quality.array(), regions.array());
 }
 
+void check_width(double width) {
+    if (!(width > 0 && std::isfinite(width))) throw std::invalid_argument("width must be above 0, not " + number(width));
+}
+
+void check_closure(std::size_t count, std::size_t normals, double rho, double friction) {
+    if (count < 2 || count > max_contacts || normals != count)
+        throw std::invalid_argument("force closure takes 2 to 8 contacts, each with its normal, not " + std::to_string(count));
+    if (!(rho > 0 && friction >= 0))
+        throw std::invalid_argument("rho must be above 0 and friction at least 0, not " + number(rho) + " and " + number(friction));
+}
+
 }  // namespace
 
 void bind_grasp(nb::module_ &m) {
     m.def("contact_frames", [](const PointArray &points, const IndexArray &offsets, const RowArray &places, double width) {
-        if (!(width > 0 && std::isfinite(width)))
-            throw std::invalid_argument("width must be above 0, not " + number(width));
+        check_width(width);
         const Outline outline = outline_of(points, offsets);
         const std::size_t count = count_places(places);
         Output<> out(count, 4);
@@ -72,15 +83,29 @@ void bind_grasp(nb::module_ &m) {
                               double friction) {
         static const Record record("Closure");
         const std::size_t count = contacts.shape(0);
-        if (count < 2 || count > max_contacts || normals.shape(0) != count)
-            throw std::invalid_argument("force closure takes 2 to 8 contacts, each with its normal, not " +
-                                        std::to_string(count));
-        if (!(rho > 0 && friction >= 0))
-            throw std::invalid_argument("rho must be above 0 and friction at least 0, not " + number(rho) + " and " +
-                                        number(friction));
+        check_closure(count, normals.shape(0), rho, friction);
         const Closure closure = force_closure(vectors(contacts), vectors(normals), count, {cx, cy}, rho, friction);
         return record(closure.epsilon, closure.friction_angle);
     }, "contacts"_a, "normals"_a, "cx"_a, "cy"_a, "rho"_a, "friction"_a);
+    m.def("judge_contacts", [](const PointArray &points, const IndexArray &offsets, const PointArray &contacts, double width, double cx,
+                               double cy, double rho, double friction) {
+        static const Record record("JudgedContacts");
+        const std::size_t count = contacts.shape(0);
+        check_closure(count, count, rho, friction);
+        check_width(width);
+        const Outline outline = outline_of(points, offsets);
+        std::array<Projected, max_contacts> at;
+        project_to_contour(outline, points_of(contacts), at.data());
+        Output<> normals(count, 2), flatness(count);
+        nb::list distances;
+        for (std::size_t k = 0; k < count; ++k) {
+            const ContactFrame frame = contact_frame(find_place(outline, at[k].contour, at[k].position), width);
+            normals.vectors()[k] = {frame.nx, frame.ny}, flatness.values()[k] = frame.flatness;
+            distances.append(at[k].distance);
+        }
+        const Closure closure = force_closure(vectors(contacts), normals.vectors(), count, {cx, cy}, rho, friction);
+        return record(normals.array(), flatness.array(), distances, closure.epsilon, closure.friction_angle);
+    }, "points"_a, "offsets"_a, "contacts"_a, "width"_a, "cx"_a, "cy"_a, "rho"_a, "friction"_a);
     m.def("carried_angles", [](const Input<double, nb::shape<-1, 3, 3>> &maps, const PointArray &contacts, const PointArray &normals, double rho) {
         const std::size_t count = contacts.shape(0);
         if (count < 2 || count > max_contacts || normals.shape(0) != count)

@@ -14,7 +14,7 @@ import numbers
 import operator
 from collections.abc import Callable, Iterable
 from types import EllipsisType
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from grasptrack.errors import InputError
 
@@ -23,6 +23,8 @@ Check = Callable[[Any], str]
 Target = TypeVar("Target", bound=Callable[..., Any])
 LARGEST = 2**31
 """Whole numbers of anything are below it."""
+FEW = 16
+"""Numbers of an array that are looked at one by one: NumPy's calls would cost more."""
 
 
 def checked(other: Check | None = None, /, **checks: Check) -> Callable[[Target], Target]:
@@ -47,25 +49,30 @@ def checked(other: Check | None = None, /, **checks: Check) -> Callable[[Target]
 
 def _with_checks(function: Callable[..., Any], other: Check | None, checks: dict[str, Check]) -> Callable[..., Any]:
     names = list(inspect.signature(function).parameters)
-    every = [(place, name, checks.get(name, other)) for place, name in enumerate(names) if name not in ("self", "cls")]
-    by_place = [(place, name, check) for place, name, check in every if check is not None]
     unknown = checks.keys() - set(names)
     if unknown:
         raise TypeError(f"{function.__qualname__} has no parameter {', '.join(sorted(unknown))}")
+    by_place = [None if name in ("self", "cls") else checks.get(name, other) for name in names]
+    by_name = {name: check for name, check in zip(names, by_place, strict=True) if check is not None}
 
     @functools.wraps(function)
     def guarded(*args: Any, **kwargs: Any) -> Any:
-        for place, name, check in by_place:
-            if place < len(args):
-                value = args[place]
-            elif name in kwargs:
-                value = kwargs[name]
-            else:
-                continue
-            wanted = check(value)
-            if wanted:
-                raise InputError(f"{name} must be {wanted}, not {_in_words(value)}", name=name, value=value)
+        for check, value in zip(by_place, args, strict=False):
+            if check is not None and check(value):
+                refuse(args, kwargs)
+        if kwargs:
+            for name in by_name.keys() & kwargs.keys():
+                if by_name[name](kwargs[name]):
+                    refuse(args, kwargs)
         return function(*args, **kwargs)
+
+    def refuse(args: tuple[Any, ...], kwargs: dict[str, Any]) -> NoReturn:
+        given = dict(zip(names, args, strict=False)) | kwargs
+        name, wanted = next(
+            (name, told) for name, check in by_name.items() if name in given and (told := check(given[name]))
+        )
+        value = given[name]
+        raise InputError(f"{name} must be {wanted}, not {_in_words(value)}", name=name, value=value)
 
     return guarded
 
@@ -187,8 +194,16 @@ def array(*shape: int | EllipsisType | None, unbounded: bool = False) -> Check:
         if made.dtype.kind not in "buif":
             return wanted
         sides = made.shape[made.ndim - len(last) :] if open_ended else made.shape
-        if shape and (len(sides) != len(last) or any(n not in (None, m) for n, m in zip(last, sides, strict=True))):
+        if shape and sides != last and not _matches(last, sides):
             return wanted
-        return "" if unbounded or made.dtype.kind != "f" or bool(np.isfinite(made).all()) else wanted
+        if unbounded or made.dtype.kind != "f":
+            return ""
+        if made.size <= FEW:
+            return "" if all(map(math.isfinite, made.ravel().tolist())) else wanted
+        return "" if bool(np.isfinite(made).all()) else wanted
 
     return of_numbers
+
+
+def _matches(shape: tuple[Any, ...], sides: tuple[int, ...]) -> bool:
+    return len(sides) == len(shape) and all(n in (None, m) for n, m in zip(shape, sides, strict=True))

@@ -59,6 +59,8 @@ def test_outline_kernels(outline):
     same("carry_places", places, offsets, points, offsets.copy())
     for width in (3.0, 40.0, 400.0):
         same("contact_frames", points, offsets, places, width)
+        at = reference.point_at(points, offsets, places[:, :2]) + rng.uniform(-1.0, 1.0, (3, 2))
+        same("judge_contacts", points, offsets, at, width, *middle.tolist(), 50.0, 0.5, atol=1e-6)
 
 
 @given(outlines(), outlines())

@@ -154,9 +154,9 @@ class ClosureCheck:
         """Margin, rad, of contacts (k, 2) px in a view as it is, the outline carried there by H_current_reference (3, 3)."""
         points = kernels.carry_points(carried, self._points).points
         width = self._share * math.sqrt(kernels.polygon_moments(points, self._offsets).area)
-        places = kernels.project_to_contour(points, self._offsets, contacts)
-        frames = kernels.contact_frames(points, self._offsets, places, width)
-        return self._closure_margin(contacts, np.ascontiguousarray(frames[:, :2]))
+        (x, y), rho, friction = contacts[0].tolist(), self._analysis.rho, self._friction
+        judged = kernels.judge_contacts(points, self._offsets, contacts, width, x, y, rho, friction)
+        return math.atan(friction) - judged.friction_angle
 
     def judge_first(self, plane: Rectifications) -> Judgement:
         """In the view of the choice, where the contacts are by definition."""

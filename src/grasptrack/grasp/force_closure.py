@@ -6,8 +6,6 @@ from __future__ import annotations
 import math
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
-
 from grasptrack import arguments, kernels
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspError, InputError
@@ -181,30 +179,22 @@ class Analyzer:
     def analyze(self, contacts: Floats, friction: float) -> GraspAnalysis:
         """See the function `analyze`; contacts (k, 2) px."""
         check_friction(friction)
-        (cx, cy), rho = self._centroid, 0.5 * self._size
-        places = kernels.project_to_contour(self._points, self._offsets, contacts)
-        for i, (_, _, distance) in enumerate(places.tolist()):
-            if distance > ON_OUTLINE * self._size:
+        (cx, cy), rho, allowed = self._centroid, 0.5 * self._size, ON_OUTLINE * self._size
+        normals, flatness, distances, epsilon, needed = kernels.judge_contacts(
+            self._points, self._offsets, contacts, self._width, cx, cy, rho, friction
+        )
+        for i, distance in enumerate(distances):
+            if distance > allowed:
                 raise GraspError(
-                    f"contact {i + 1} is {distance:.1f} px from the outline; "
-                    f"it must be within {ON_OUTLINE * self._size:.1f} px",
+                    f"contact {i + 1} is {distance:.1f} px from the outline; it must be within {allowed:.1f} px",
                     contact=i,
                     distance=distance,
                 )
-        frames = kernels.contact_frames(self._points, self._offsets, places, self._width)
-        normals = np.ascontiguousarray(frames[:, :2])
-        closure = ForceClosure.of(contacts, normals, self._centroid, rho, friction)
+        closure = ForceClosure(epsilon, needed, friction)
+        closes, off = closure.closes, _centroid_distance(contacts, cx, cy)
+        reason = "" if closes else _refusal_reason(len(contacts), closure)
         return GraspAnalysis(
-            closure.closes,
-            closure.margin,
-            closure.epsilon,
-            rho,
-            _centroid_distance(contacts, cx, cy),
-            frames[:, 2],
-            normals,
-            friction,
-            self._judged_in,
-            "" if closure.closes else _refusal_reason(len(contacts), closure),
+            closes, closure.margin, epsilon, rho, off, flatness, normals, friction, self._judged_in, reason
         )
 
 

@@ -237,6 +237,23 @@ class Closure(NamedTuple):
     friction_angle: float
 
 
+class JudgedContacts(NamedTuple):
+    """Contacts on an outline, by the stretches nearest to them.
+
+    Attributes:
+        normals: (k, 2) unit, into the material.
+        flatness: (k,) rms distance of the stretch from a straight line, in widths.
+        distances: px from the outline.
+        epsilon, friction_angle: as of `Closure`.
+    """
+
+    normals: Floats
+    flatness: Floats
+    distances: list[float]
+    epsilon: float
+    friction_angle: float
+
+
 class StablePairs(NamedTuple):
     """(p, 2) indices; (p,) 1 where normals face each other, -1 where they face away; (p,) the friction that is needed."""
 

@@ -293,31 +293,33 @@ class Target:
         Args:
             visible: (N,) probability of each sample to be visible; empty where that is not known.
         """
-        return self._clear_of_occluder(self.corners, self._corners_away, visible)
+        return self._clear_of_occluder(self.corners, self._corners_near, visible)
 
     def clear_ring(self, visible: Floats) -> Floats:
         """(n, 2) work px, the same of the ring."""
-        return self._clear_of_occluder(self.ring, self._ring_away, visible)
+        return self._clear_of_occluder(self.ring, self._ring_near, visible)
 
-    def _clear_of_occluder(self, places: Floats, away: Floats, visible: Floats) -> Floats:
+    def _clear_of_occluder(self, places: Floats, near: Floats, visible: Floats) -> Floats:
         hidden = visible <= 0.5
         if not len(places) or not hidden.any():
             return places
-        hidden &= np.roll(hidden, 1) | np.roll(hidden, -1)  # one sample alone misses its edge by noise
-        if not hidden.any():
-            return places
-        reach = math.sqrt(2.0) * PATCH * float(self.corner_strides.max())
-        return np.ascontiguousarray(places[away[:, hidden].min(axis=1) > reach])
+        beside = np.concatenate([hidden[-1:], hidden, hidden[:1]])
+        hidden &= beside[:-2] | beside[2:]  # one sample alone misses its edge by noise
+        return np.ascontiguousarray(places[near @ hidden == 0.0]) if hidden.any() else places
 
     @cached_property
-    def _corners_away(self) -> Floats:
-        """(n, N) work px from each corner to each sample of the outline."""
-        return self._sample_distances(self.corners)
+    def _corners_near(self) -> Floats:
+        """(n, N) 1 where the coarsest patch at a corner may hold a sample of the outline, else 0."""
+        return self._samples_within_patch(self.corners)
 
     @cached_property
-    def _ring_away(self) -> Floats:
+    def _ring_near(self) -> Floats:
         """(n, N) the same of the ring."""
-        return self._sample_distances(self.ring)
+        return self._samples_within_patch(self.ring)
+
+    def _samples_within_patch(self, places: Floats) -> Floats:
+        reach = math.sqrt(2.0) * PATCH * float(self.corner_strides.max())
+        return np.asarray(self._sample_distances(places) <= reach, dtype=np.float64)
 
     def _sample_distances(self, places: Floats) -> Floats:
         return np.asarray(np.hypot(*(places[:, None] - self.points[None]).transpose(2, 0, 1)), dtype=np.float64)

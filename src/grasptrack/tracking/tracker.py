@@ -296,7 +296,8 @@ class GraspTracker:
     def _is_repeated(self, image: NDArray[Any]) -> bool:
         """Whether the rows that are kept of the image before are the same in this one."""
         before, self._rows = self._rows, image[::KEPT_ROWS].copy()
-        return before is not None and np.array_equal(before, self._rows)
+        # those of another image differ in the first one already
+        return before is not None and np.array_equal(before[0], self._rows[0]) and np.array_equal(before, self._rows)
 
     def _begin_tracking(self, moment: Moment, *, masked: bool) -> TrackResult:
         """Choose the object and a grasp on it."""

@@ -7,13 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.results import Closure, StablePairs, StableTriples
+from grasptrack.kernels.results import Closure, JudgedContacts, StablePairs, StableTriples
 from grasptrack.typing import Floats
 from reference.checks import check_outline, check_size
-from reference.geometry import find_place
+from reference.geometry import find_place, project_to_contour
 from reference.homography import carry_normals
 
-__all__ = ["carried_angles", "closing_triples", "contact_frames", "force_closure", "opposed_pairs"]
+__all__ = ["carried_angles", "closing_triples", "contact_frames", "force_closure", "judge_contacts", "opposed_pairs"]
 
 
 # --- Normal and flatness of an outline over the width of a finger -----
@@ -174,6 +174,22 @@ def force_closure(contacts: Floats, normals: Floats, cx: float, cy: float, rho: 
     arms = (contacts - (cx, cy)) / rho
     (epsilon,) = _epsilon_qualities(cone_edges(arms, normals, 1.0, friction)[None]).tolist()
     return Closure(epsilon, _friction_angle(contacts, normals, arms))
+
+
+def judge_contacts(
+    points: Floats,
+    offsets: NDArray[np.int64],
+    contacts: Floats,
+    width: float,
+    cx: float,
+    cy: float,
+    rho: float,
+    friction: float,
+) -> JudgedContacts:
+    places = project_to_contour(points, offsets, contacts)
+    frames = contact_frames(points, offsets, places, width)
+    closure = force_closure(contacts, frames[:, :2], cx, cy, rho, friction)
+    return JudgedContacts(frames[:, :2], frames[:, 2], places[:, 2].tolist(), *closure)
 
 
 def carried_angles(maps: Floats, contacts: Floats, normals: Floats, rho: float) -> Floats:
