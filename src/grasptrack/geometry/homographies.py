@@ -14,8 +14,6 @@ from grasptrack.typing import Floats
 
 MAX_SHEAR = 8.0
 """Largest ratio of the two local magnifications that a believable view of a flat object shows (82 degrees of tilt)."""
-FEW = 8
-"""Points that are carried one by one: NumPy's calls would cost more."""
 HORIZON = 1e-9
 """lambda of eq. (2) at and below which a point counts as sent to infinity, or behind the camera."""
 SLIGHT = 1e-6
@@ -31,22 +29,15 @@ MOTIONS[6, 2, 0] = MOTIONS[7, 2, 1] = -1.0  # bends
 
 
 def apply_homography(H: ArrayLike, points: ArrayLike) -> Floats:
-    """Eq. (2): points (N, 2) of one view carried to the other by H (3, 3).
+    """Eq. (2): points (..., 2) of one view carried to the other by H (3, 3).
 
     Raises:
         ConditioningError: a point lies on or behind the line that H sends to infinity.
     """
-    h = np.asarray(H, dtype=np.float64)
-    p = np.asarray(points, dtype=np.float64)
-    if p.ndim == 2 and len(p) <= FEW:
-        few, in_front = kernels.carry_points(np.ascontiguousarray(h), np.ascontiguousarray(p))
-        check_in_front(h, in_front)
-        return few
-    w = p @ h[2, :2] + h[2, 2]  # lambda_i of eq. (2)
-    if not (w > HORIZON).all() and not (w < -HORIZON).all():
-        raise behind_camera_error(h)
-    out: Floats = (p @ h[:2, :2].T + h[:2, 2]) / w[..., None]
-    return out
+    h, p = np.ascontiguousarray(H, dtype=np.float64), np.ascontiguousarray(points, dtype=np.float64)
+    carried, in_front = kernels.carry_points(h, p.reshape(-1, 2))
+    check_in_front(h, in_front)
+    return carried.reshape(p.shape)
 
 
 def homography_jacobian(H: Floats, x: float, y: float) -> tuple[float, float, float, float]:
