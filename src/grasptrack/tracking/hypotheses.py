@@ -288,6 +288,7 @@ class Solutions:
         self._second: list[tuple[PoseEstimate, PoseEstimate | None]] = []
         self._sharpest, self.sharp_gain = -math.inf, 0.0
         self._at_rest: PoseEstimate | None = None
+        self._short: tuple[PoseEstimate, bool] | None = None  # the last answer of `falls_short`
         self.add(hypotheses)
 
     def decide_among(self) -> Decision:
@@ -472,10 +473,13 @@ class Solutions:
 
     def falls_short(self, estimate: PoseEstimate) -> bool:
         """Whether much less of the surface is seen than usual, as where only its coarse patches found their place."""
-        if not sum(self._state.target.counts):
-            return False
-        usual = expected_texture(self._state, estimate)
-        return texture_evidence(self._state, estimate) < LEAST_OF_USUAL * usual
+        if self._short is None or self._short[0] is not estimate:  # it is asked for again and again
+            state, least = self._state, LEAST_OF_USUAL
+            short = sum(state.target.counts) > 0 and texture_evidence(state, estimate) < least * expected_texture(
+                state, estimate
+            )
+            self._short = estimate, short
+        return self._short[1]
 
     def may_have_slid(self, estimate: PoseEstimate) -> bool:
         """Whether less of the surface is seen than usual, or all at once much of the outline lies elsewhere or is hidden."""

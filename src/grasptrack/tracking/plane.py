@@ -94,10 +94,10 @@ class Plane(PlaneSolver):
         lines = self._open_horizons @ (np.linalg.inv(homography) @ self._to_middle)
         seen = self._open_focal * lines[:, :2] / lines[:, 2:]
         ahead = (seen @ slopes + 1.0) / math.hypot(1.0, steep)
-        aside = np.column_stack([(seen @ u - steep) / math.hypot(1.0, steep), seen @ across])
-        far = np.hypot(*aside.T)
-        ways = aside * (np.arctan2(far, ahead) / np.maximum(far, TINY))[:, None]
-        spread += (ways * self.open.weights[:, None]).T @ ways
+        aside = np.array([(seen @ u - steep) / math.hypot(1.0, steep), seen @ across])
+        far = np.hypot(*aside)
+        ways = aside * (np.arctan2(far, ahead) / np.maximum(far, TINY))
+        spread += (ways * self.open.weights) @ ways.T
         (a, b), (_, c) = spread.tolist()
         most = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
         return Tilt(math.atan(steep), math.sqrt(max(most, 0.0)))
@@ -118,8 +118,7 @@ class Plane(PlaneSolver):
         """(2,) slopes of the plane's normal in a view, and their derivatives (2, 3) by theta and (2, 9) by the homography."""
         # as believed, after a step of each number of theta, and of each entry
         seen = self._camera_back @ homography @ self._in_view
-        moved = seen[0] + self._camera_back @ self.entries @ self._in_view[0]
-        slopes = _normal_slopes(np.concatenate([seen, moved]))
+        slopes = _normal_slopes(np.concatenate([seen, seen[0] + self._moved_entries]))
         return slopes[0], (slopes[1:4] - slopes[0]).T / STEP, (slopes[4:] - slopes[0]).T / self.steps
 
     def theta_and_covariance(self) -> tuple[Floats, Floats]:
@@ -141,6 +140,7 @@ class Plane(PlaneSolver):
         self.modes, theta = modes, modes[0].theta
         self._camera_back = self.pixel_to_ray(theta)
         self._in_view = self.in_view(np.vstack([theta, theta + STEP * np.eye(3)]))
+        self._moved_entries = self._camera_back @ self.entries @ self._in_view[0]
         self.open = self._left_open()
         self.open_back, self.open_view = self.pixel_to_ray(self.open.thetas), self.in_view(self.open.thetas)
         # of each, a plane's normal is its horizon, seen by a camera: that goes by the inverse of what carries its points
@@ -156,7 +156,7 @@ def _normal_slopes(seen: Floats) -> Floats:
     a, b = seen[:, :, 0], seen[:, :, 1]
     z = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     x, y = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1], a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
-    return np.stack([x / z, y / z], axis=1)
+    return np.array([x / z, y / z]).T
 
 
 ENDS = 0.25
