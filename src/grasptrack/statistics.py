@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,14 @@ def robust_sd(deviations: Floats | Floats32, median: Callable[[Any], float | np.
     `median` is `np.median`, or one that takes the lower or upper of two middle values, or leaves out NaN.
     """
     return MAD_TO_SD * float(median(np.abs(deviations)))
+
+
+def median_of_few(values: Floats) -> float:
+    """What `np.median` gives of (n,) values, n > 0; of a few hundred in a fraction of its time."""
+    ordered, middle = np.sort(values), len(values) // 2
+    if np.isnan(ordered[-1]):
+        return math.nan
+    return float(ordered[middle] if len(values) % 2 else (ordered[middle - 1] + ordered[middle]) / 2.0)
 
 
 def lower_median(values: Floats) -> float:

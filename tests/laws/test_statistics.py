@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
 
-from grasptrack.statistics import robust_sd
+from grasptrack.statistics import median_of_few, robust_sd
 from grasptrack_bench.metrics.statistics import (
     bootstrap_counts,
     critical_value,
@@ -25,6 +25,12 @@ from research.paper.runs import median_interval
 def test_the_robust_spread_is_scipys(values: list[float]) -> None:
     off = np.array(values) - np.median(values)
     assert robust_sd(off) == pytest.approx(stats.median_abs_deviation(values, scale="normal"), rel=1e-4, abs=1e-9)
+
+
+@given(st.lists(st.floats(allow_infinity=False), min_size=1, max_size=40))
+def test_the_median_of_few_is_numpys(values: list[float]) -> None:
+    with np.errstate(over="ignore"):
+        assert median_of_few(np.array(values)) == pytest.approx(float(np.median(values)), rel=0.0, abs=0.0, nan_ok=True)
 
 
 def test_the_robust_spread_takes_a_median_of_the_callers() -> None:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.statistics import robust_sd
+from grasptrack.statistics import median_of_few, robust_sd
 from grasptrack.tracking.decision import Decision
 from grasptrack.tracking.evidence import MAX_EXPONENT, OUTLINE_PRIOR, SHARES_MISSING, USUAL_PRIOR, contact_testimony
 from grasptrack.tracking.hypotheses import MIN_PLACES, align_look
@@ -110,12 +110,12 @@ def emptiness_log_odds(
     if seen.sum() < MIN_PLACES or shown.sum() < 0.5 * np.isfinite(rows[0] + rows[1]).all(axis=1).sum():
         return -math.inf
     before, now = (Sides(*(values[seen] for values in image)) for image in (before, now))
-    noise, middle = target.noise + ROUNDING, float(np.median(before.ground))
-    texture = robust_sd(before.ground - middle) + noise
+    noise, middle = target.noise + ROUNDING, median_of_few(before.ground)
+    texture = robust_sd(before.ground - middle, median_of_few) + noise
     light = float(np.median(levels[-1]) - np.median(look.levels[-1]))
-    change = float(np.median(now.ground - before.ground))
+    change = median_of_few(now.ground - before.ground)
     off = now.ground - before.ground - change
-    carried = robust_sd(off) + noise
+    carried = robust_sd(off, median_of_few) + noise
     most = math.sqrt(2.0) * _change_across(before, texture, noise)
     step = max(1, round(2.0 * depth / target.spacing))
 
@@ -123,12 +123,12 @@ def emptiness_log_odds(
     for times in FARTHER:  # the farther apart, the fewer of them are independent
         lag = min(times * step, len(off) // 2)
         changed, varies = (values - np.roll(values, lag) for values in (off, now.ground))
-        as_cover *= _density(varies, robust_sd(varies) + noise) ** (1.0 / times)
-        as_ground *= _density(changed, min(robust_sd(changed) + noise, most)) ** (1.0 / times)
+        as_cover *= _density(varies, robust_sd(varies, median_of_few) + noise) ** (1.0 / times)
+        as_ground *= _density(changed, min(robust_sd(changed, median_of_few) + noise, most)) ** (1.0 / times)
     if not on_ground:
         as_ground = as_cover
     goes_on = _density(now.inside - now.ground, _change_across(now, texture, noise))
-    darker = min(1.0, float(np.median(now.ground)) / max(middle, 1.0))
+    darker = min(1.0, median_of_few(now.ground) / max(middle, 1.0))
     beside = before.inside * now.ground / np.maximum(before.ground, ROUNDING)  # where a lamp wanders
     lit = [_density(now.inside - each, carried) for each in (before.inside + change, darker * before.inside, beside)]
     as_object = max(lit, key=lambda density: float(np.log(density).sum()))
@@ -152,7 +152,11 @@ def emptiness_log_odds(
 def _change_across(image: Sides, texture: float, noise: float) -> float:
     """Spread of how much the ground changes between samples away from the object: its `texture`, if too few are seen."""
     across = (image.ground - image.farther)[np.isfinite(image.farther)]
-    return robust_sd(across - np.median(across)) + noise if len(across) > MIN_PLACES else texture + noise
+    return (
+        robust_sd(across - median_of_few(across), median_of_few) + noise
+        if len(across) > MIN_PLACES
+        else texture + noise
+    )
 
 
 def _log_normal_density(deviation: float, spread: float) -> float:

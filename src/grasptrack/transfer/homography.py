@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from grasptrack.geometry.homographies import apply_homography, check_in_front, j
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.kernels.results import CurvatureVector, MatchWindow
 from grasptrack.matching import settle_homographies
-from grasptrack.statistics import robust_sd
+from grasptrack.statistics import median_of_few, robust_sd
 from grasptrack.transfer.alignment import alignments_of_points, as_similarity, choose_alignment, find_alignments
 from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
@@ -210,4 +209,4 @@ def _prediction_error(carried: Floats, current: Contour) -> float:
     """px, robust standard deviation of the distance between an outline as predicted, (N, 2), and as observed."""
     some = np.ascontiguousarray(carried[:: max(1, len(carried) // PROBES)])
     gaps = kernels.project_to_contour(current.points, current.offsets, some)[:, 2]
-    return robust_sd(gaps, lambda values: median(values.tolist()))  # of so few NumPy's takes longer than all before
+    return robust_sd(gaps, median_of_few)
