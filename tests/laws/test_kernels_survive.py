@@ -64,7 +64,7 @@ def test_degenerate_contours() -> None:
 
 def test_kernels_refuse_what_their_definitions_refuse() -> None:
     # a width of which rounding makes nothing; shares of any shape; regions below 0, of which NumPy has no root
-    differ = {"contact_frames", "surface_evidence", "surface_probability", "rank_grasps"}
+    differ = {"contact_frames", "judge_contacts", "surface_evidence", "surface_probability", "rank_grasps"}
     apart, compared = [], 0
     for index in range(800):
         call = draw_call(3, index)
