@@ -244,6 +244,11 @@ class Node:
         self.publishers[topic] = Publisher(self.world, kind, topic, qos)
         return self.publishers[topic]
 
+    def create_publisher(self, kind: type, topic: str, qos: Any) -> Publisher:
+        publisher = self.create_lifecycle_publisher(kind, topic, qos)
+        publisher.active = True
+        return publisher
+
     def create_subscription(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any) -> str:
         self.subscriptions[topic] = (kind, callback, qos)
         return topic
@@ -426,6 +431,7 @@ class World:
         tf = {"Buffer": Buffer, "TransformListener": TransformListener, "TransformException": LookupError}
         self._module(monkeypatch, "tf2_ros", **tf)
         node = type("LifecycleNode", (Node,), {"world": self})
+        self._module(monkeypatch, "rclpy.node", Node=type("PlainNode", (Node,), {"world": self}))
         life = {"LifecycleNode": node, "LifecycleState": object, "TransitionCallbackReturn": Reply}
         reliability = enum.Enum("Reliability", "BEST_EFFORT RELIABLE")
         self._module(monkeypatch, "rclpy", init=reply, ok=lambda: world.up, try_shutdown=shut_down)

@@ -12,9 +12,11 @@ reasons, of columns, of formats and of studies stand between their marks in `tro
 
 import ast
 import inspect
+import itertools
 import json
 import re
-from collections.abc import Iterator
+import struct
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,7 @@ from typing import Any
 import typer
 
 import grasptrack
+from grasptrack.io.bridges.modbus import ORDER_REGISTERS, STATE_REGISTERS
 from grasptrack.io.columns import COLUMNS, IN_JSON, result_schema
 from grasptrack.io.modbus import REGISTERS
 from grasptrack.io.publishing import DOES_NOT_FIT, FIXED_STATUS, MAY_CLOSE, SILENT, VERSION, fixed_line
@@ -277,10 +280,20 @@ def _register_rows() -> list[str]:
         (10, 12, "x, y of contacts 1 to 3, px, floats"),
     )
     assert sum(count for _, count, _ in cells) == REGISTERS
-    rows = ["", "| register | holding and input registers of `--publish modbus://`, high word first |", "|---|---|"]
-    return rows + [
-        f"| {first}{f' to {first + count - 1}' if count > 1 else ''} | {text} |" for first, count, text in cells
-    ]
+    rows = _register_table("holding and input registers of `--publish modbus://`, high word first", cells)
+    arm = (("write", "orders to", ORDER_REGISTERS), ("read", "the state of", STATE_REGISTERS))
+    for setting, what, registers in arm:
+        sizes = [struct.calcsize(f">{form}") // 2 for form, _ in registers]
+        places = zip(itertools.accumulate([0, *sizes[:-1]]), sizes, (text for _, text in registers), strict=True)
+        rows += _register_table(
+            f"from `{setting}` on, {what} an arm at `modbus:`: holding registers, high word first", places
+        )
+    return rows
+
+
+def _register_table(head: str, cells: Iterable[tuple[int, int, str]]) -> list[str]:
+    rows = ["", f"| register | {head} |", "|---|---|"]
+    return rows + [f"| {a}{f' to {a + count - 1}' if count > 1 else ''} | {text} |" for a, count, text in cells]
 
 
 def _fixed_columns() -> list[str]:

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack.errors import InputError
-from grasptrack.io.arms import SILENCE, Order, Report, TcpArm, parse_arm_line
+from grasptrack.io.arms import ARM_FIELDS, SILENCE, Order, Report, TcpArm, parse_arm_line
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "examples" / "robots"))
@@ -120,6 +120,8 @@ POSE = START.tolist()
             {"sequence": 1, "pose": POSE, "held": "yes"},
             {"sequence": 1, "pose": POSE, "opening_m": math.nan},
             {"sequence": 1, "pose": POSE, "stopped": 3},
+            {"sequence": 1, "pose": POSE, "not_ready": None},
+            {"sequence": 1, "pose": POSE, "pose_age_s": math.inf},
         )),
     ],
 )  # fmt: skip
@@ -135,6 +137,8 @@ ANSWERS = st.fixed_dictionaries(
         "opening_m": st.none() | st.floats(0.0, 1.0),
         "touched": st.booleans(),
         "stopped": st.text(max_size=20),
+        "not_ready": st.text(max_size=20),
+        "pose_age_s": st.floats(0.0, 1.0),
     },
 )
 
@@ -144,9 +148,7 @@ def test_any_answer_of_the_schema_is_understood(answer: dict[str, Any]) -> None:
     IN.validate(answer)
     pose, sequence, report = parse_arm_line(json.dumps(answer).encode())
     assert sequence == answer["sequence"] and np.array_equal(pose, START)
-    assert report == Report(
-        answer.get("held"), answer.get("opening_m"), answer.get("touched", False), answer.get("stopped", "")
-    )
+    assert report == Report(*(answer.get(name, left_out) for name, left_out in ARM_FIELDS.items()))
 
 
 @given(st.binary(max_size=60))

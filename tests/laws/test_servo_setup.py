@@ -118,8 +118,8 @@ def test_any_text_is_a_setup_or_one_line(tmp_path_factory: pytest.TempPathFactor
 @pytest.mark.parametrize(
     ("url", "told"),
     [
-        ("ur:192.0.2.7", "tcp://HOST:PORT, sim:"),
-        ("", "tcp://HOST:PORT, sim:"),
+        ("scara:192.0.2.7", "tcp://HOST:PORT, modbus:, ros2:, sim:, ur:"),
+        ("", "tcp://HOST:PORT, modbus:, ros2:, sim:, ur:"),
         ("tcp:5556", "as tcp://192.0.2.7:5556"),
         ("tcp://host", "as tcp://192.0.2.7:5556"),
         ("tcp://host:x", "as tcp://192.0.2.7:5556"),

@@ -26,6 +26,7 @@ EXTRAS = {
     "pylon": "pylon: cameras by Basler",
     "genicam": "genicam: cameras with a GenTL producer",
     "realsense": "realsense: cameras by Intel",
+    "ur": "ur: arms by Universal Robots",
     "segment": "nets that OpenCV cannot run, by ONNX Runtime",
     "sim": "grasptrack servo and evaluate: physics",
     "cluster": "evaluations on more than one machine",

@@ -59,12 +59,16 @@ class Report(NamedTuple):
         opening: of closing: m between the fingers where they stopped; None where it is not known.
         touched: the hand felt something on its way.
         stopped: why the arm itself has stopped; empty where it has not.
+        not_ready: why it cannot be moved for now; empty where it can.
+        pose_age: s by which the pose was old when it was told.
     """
 
     held: bool | None = None
     opening: float | None = None
     touched: bool = False
     stopped: str = ""
+    not_ready: str = ""
+    pose_age: float = 0.0
 
 
 class Arm(Protocol):
@@ -89,7 +93,7 @@ class Arm(Protocol):
 
 
 def open_arm(url: str, source: Source) -> Arm:
-    """The arm at a URL: tcp://HOST:PORT, sim:, or the name of an entry point "grasptrack.arms".
+    """The arm at a URL: tcp://HOST:PORT, or that of an entry point "grasptrack.arms": modbus:, ros2:, sim:, ur: and others.
 
     Args:
         url: of the arm.
@@ -107,21 +111,23 @@ def open_arm(url: str, source: Source) -> Arm:
         return arm
     if kind == "sim":
         raise InputError('"sim:" is the simulated hand of grasptrack-bench, ' + bench_hint("sim"), url=url)
-    known = ", ".join(["tcp://HOST:PORT", "sim:", *(f"{name}:" for name in plugin_names("grasptrack.arms"))])
+    known = ", ".join(["tcp://HOST:PORT", *(f"{name}:" for name in sorted({"sim", *plugin_names("grasptrack.arms")}))])
     raise InputError(f'"{url}" is no arm; there are {known}', url=url)
 
 
-class TcpArm:
-    """An arm that listens at tcp://HOST:PORT. It is sent a line for every order, and answers each; lost, it is tried again.
+class LineArm:
+    """An arm behind a socket. It is sent a line for every order, and answers each; lost, it is tried again.
+
+    Args:
+        url: of the arm, for messages.
 
     Raises:
-        InputError: the URL is none, or nobody listens there.
+        InputError: nobody answers there.
     """
 
     goal: Goal | None = None
 
     def __init__(self, url: str) -> None:
-        self._address = _parse_address(url)
         self._lock, self._closing = threading.Lock(), threading.Event()
         self._link: socket.socket | None = None
         self._sequence = 0
@@ -141,7 +147,7 @@ class TcpArm:
             if self._heard == -math.inf:
                 return "the arm has not answered yet"
             late = time.perf_counter() - self._heard
-            return f"the arm has acknowledged nothing for {late:.2f} s" if late > SILENCE else ""
+            return f"the arm has acknowledged nothing for {late:.2f} s" if late > SILENCE else self._not_ready
 
     def hand_pose(self) -> tuple[Floats | None, float]:
         """Of its newest line."""
@@ -189,14 +195,21 @@ class TcpArm:
         if self._link is not None:
             self._drop_link(self._link, "it was let go of")
 
+    def open_link(self) -> socket.socket:
+        """A connection to the arm.
+
+        Raises:
+            OSError: there is none; it says why.
+        """
+        raise NotImplementedError
+
     # --- its thread ------------------------------------------------------------------------------
 
     def _connect(self) -> None:
-        link = socket.create_connection(self._address, timeout=RETRY)
-        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        link = self.open_link()
         link.setblocking(False)
         with self._lock:  # an earlier connection's acknowledgements count for nothing
-            self._link, self._heard, self._why = link, -math.inf, ""
+            self._link, self._heard, self._why, self._not_ready = link, -math.inf, "", ""
             self._pose: Floats | None = None
             self._at = -math.inf
             self._sent: deque[tuple[int, float]] = deque(maxlen=REMEMBERED)
@@ -214,8 +227,10 @@ class TcpArm:
             if link is None:
                 rest = b""
                 self._closing.wait(RETRY)
-                with contextlib.suppress(OSError):
+                try:
                     self._connect()
+                except OSError as error:
+                    self._why = error.strerror or str(error)
                 continue
             try:
                 if not select.select([link], [], [], SILENCE)[0]:
@@ -238,9 +253,28 @@ class TcpArm:
                 self._sent.popleft()
             if self._sent and self._sent[0][0] == sequence:
                 self._heard = self._sent[0][1]
-            self._pose, self._at = pose, time.perf_counter()
-            if report != Report():
-                self._reports.append(report)
+            self._pose, self._at, self._not_ready = pose, time.perf_counter() - report.pose_age, report.not_ready
+            news = report._replace(not_ready="", pose_age=0.0)
+            if news != Report():
+                self._reports.append(news)
+
+
+class TcpArm(LineArm):
+    """An arm that listens at tcp://HOST:PORT.
+
+    Raises:
+        InputError: the URL is none, or nobody listens there.
+    """
+
+    def __init__(self, url: str) -> None:
+        self._address = _parse_address(url)
+        super().__init__(url)
+
+    def open_link(self) -> socket.socket:
+        """A connection to its port."""
+        link = socket.create_connection(self._address, timeout=RETRY)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return link
 
 
 def _parse_address(url: str) -> tuple[str, int]:
@@ -264,11 +298,14 @@ def parse_arm_line(line: bytes) -> tuple[Floats, int, Report]:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, InputError) as error:
         raise InputError(f"it sent a line that is none: {type(error).__name__}, {error}") from None
     optional = arguments.optional
-    checks = (optional(arguments.truth), optional(arguments.finite), arguments.truth, arguments.text)
+    truth, number, text = arguments.truth, arguments.finite, arguments.text
+    checks = (optional(truth), optional(number), truth, text, text, number)
     if arguments.whole(sequence) or any(check(value) for check, value in zip(checks, report, strict=True)):
         raise InputError("it sent a line with a value of another type")
     return pose, sequence, report
 
 
-ARM_FIELDS = {"held": None, "opening_m": None, "touched": False, "stopped": ""}
+ARM_FIELDS = {
+    "held": None, "opening_m": None, "touched": False, "stopped": "", "not_ready": "", "pose_age_s": 0.0
+}  # fmt: skip
 """Of a line of an arm's beside pose and sequence, in the order of `Report`, with what stands for one that is left out."""

@@ -11,7 +11,7 @@ READ_FUNCTIONS = (3, 4)
 """Of holding registers, and of input registers: here they are the same."""
 MOST_READ = 125
 """Registers of one answer, by the standard."""
-_HEAD = struct.Struct(">HHHB")
+HEAD = struct.Struct(">HHHB")
 """Transaction, protocol (0), bytes that follow from the unit on, unit."""
 _LONGEST = 254
 _ILLEGAL_FUNCTION, _ILLEGAL_ADDRESS, _ILLEGAL_VALUE = 1, 2, 3
@@ -63,16 +63,16 @@ class ModbusPeer:
     def take_bytes(self, data: bytes) -> bytes:
         """What is owed for what came."""
         self._got, owed = self._got + data, b""
-        while not self.over and len(self._got) >= _HEAD.size:
-            transaction, protocol, size, unit = _HEAD.unpack_from(self._got)
+        while not self.over and len(self._got) >= HEAD.size:
+            transaction, protocol, size, unit = HEAD.unpack_from(self._got)
             if protocol != 0 or not 2 <= size <= _LONGEST:
                 self.over = True
-            elif len(self._got) < _HEAD.size - 1 + size:
+            elif len(self._got) < HEAD.size - 1 + size:
                 break
             else:
-                body = self._answer_request(self._got[_HEAD.size : _HEAD.size - 1 + size])
-                owed += _HEAD.pack(transaction, 0, len(body) + 1, unit) + body
-                self._got = self._got[_HEAD.size - 1 + size :]
+                body = self._answer_request(self._got[HEAD.size : HEAD.size - 1 + size])
+                owed += HEAD.pack(transaction, 0, len(body) + 1, unit) + body
+                self._got = self._got[HEAD.size - 1 + size :]
         return owed
 
     def leave(self) -> bytes:

@@ -65,9 +65,9 @@ def quaternion_of(R: Floats) -> Floats:
     return np.asarray(q / np.linalg.norm(q) * (-1.0 if q[3] < 0.0 else 1.0))
 
 
-def rotation_of(quaternion: Floats) -> Floats:
+def rotation_of(quaternion: ArrayLike) -> Floats:
     """(3, 3), of x, y, z, w of about unit length."""
-    x, y, z, w = (quaternion / np.linalg.norm(quaternion)).tolist()
+    x, y, z, w = (np.asarray(quaternion) / np.linalg.norm(quaternion)).tolist()
     return np.array([
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
         [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
@@ -98,6 +98,11 @@ def apply_twist(pose: Floats, twist: ArrayLike, seconds: float) -> Floats:
     else:
         V = np.eye(3) + (1.0 - math.cos(angle)) / angle**2 * K + (angle - math.sin(angle)) / angle**3 * K @ K
     return pose @ pose_of(rotation_matrix(t[3:]), V @ t[:3])
+
+
+def twist_in_base(pose: Floats, twist: ArrayLike) -> Floats:
+    """A twist (6,) of the hand at a pose (4, 4), told along the base's axes: the same motion of the same point."""
+    return np.asarray((np.asarray(twist, dtype=np.float64).reshape(2, 3) @ pose[:3, :3].T).reshape(6))
 
 
 def interpolate_pose(first: Floats, second: Floats, share: float) -> Floats:

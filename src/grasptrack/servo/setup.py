@@ -77,7 +77,7 @@ class ServoSetup:
                 raise InputError(f"[{name}] {error}", **error.values) from None
         arm, goal = content.get("arm"), content.get("goal")
         if not isinstance(arm, str):
-            raise InputError('needs arm, the URL of an arm in quotes: "sim:" or "tcp://HOST:PORT"')
+            raise InputError('needs arm, the URL of an arm in quotes: "sim:", "tcp://HOST:PORT", "ur:HOST" or another')
         if not isinstance(goal, str | None):
             raise InputError(f"goal is the name of a file in quotes, not {goal!r}")
         setup = cls(arm, None if goal is None else Goal.load(folder / goal), told)
