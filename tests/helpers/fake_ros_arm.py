@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from grasptrack.io.bridges.base import Bridge, BridgedArm, run_bridge
 from grasptrack.servo.camera import apply_twist, pose_of, quaternion_of
@@ -59,15 +60,13 @@ class FakeRosArm:
         while not self._over:
             time.sleep(STEP_S)
             now = time.perf_counter()
-            sent = [
-                m for node in self.world.nodes for p in node.publishers.values() if p.topic == TOPIC for m in p.sent
-            ]
-            self.orders += [(now, message) for message in sent[len(self.orders) :]]
+            for node in self.world.nodes:
+                if TOPIC in node.publishers:
+                    self.orders += [(now, message) for message in node.publishers[TOPIC].sent[len(self.orders) :]]
             if not self.orders or now - self.orders[-1][0] > TIMEOUT_S:
                 self.twist = np.zeros(6)
             else:
-                told = self.orders[-1][1].twist
-                self.twist = np.array([getattr(part, axis) for part in (told.linear, told.angular) for axis in "xyz"])
+                self.twist = twist_in(self.orders[-1][1])
             self.hand = apply_twist(self.hand, self.twist, now - last)
             if self.tells:
                 self._tell()
@@ -79,6 +78,12 @@ class FakeRosArm:
         ))  # fmt: skip
         self.world.transform_ns = time.time_ns()
         self.world.transform = SimpleNamespace(translation=place, rotation=turn)
+
+
+def twist_in(message: Any) -> NDArray[np.float64]:
+    """(6,) m/s and rad/s of a TwistStamped."""
+    told = message.twist
+    return np.array([getattr(part, axis) for part in (told.linear, told.angular) for axis in "xyz"])
 
 
 class ThreadedArm(BridgedArm):

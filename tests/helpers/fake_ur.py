@@ -60,7 +60,6 @@ class FakeUR:
     Attributes:
         hand: (4, 4), where the hand is now.
         speed: (6,) m/s and rad/s, of the hand now, along the axes of the base.
-        orders: when each command that moves came, s of `time.perf_counter`, its number and its registers.
         safety: mode of the safety; robot: mode of the robot.
         remote: whether it takes scripts over the network.
         outputs: bits of the digital outputs; inputs: of the inputs.
@@ -70,7 +69,7 @@ class FakeUR:
     def __init__(self, host: str = "", remote: bool = True) -> None:
         self.host, self.remote = host or own_address(), remote
         self.hand, self.speed = START.copy(), np.zeros(6)
-        self.orders: list[tuple[float, int, NDArray[np.float64]]] = []
+        self._orders: list[tuple[float, NDArray[np.float64]]] = []
         self.safety, self.robot, self.inputs, self.outputs = NORMAL, RUNNING, 0, 0
         self.stopped_by_watchdog: float | None = None
         self.runs, self.scripts = False, 0
@@ -91,6 +90,11 @@ class FakeUR:
         """All attributes."""
         with self._lock:
             return {name: value for name, value in vars(self).items() if name[0] != "_"}
+
+    def orders_from(self, first: int) -> list[tuple[float, NDArray[np.float64]]]:
+        """When each command that moves came, from some on, s of `time.perf_counter`, and its twist along the base's axes."""
+        with self._lock:
+            return self._orders[first:]
 
     def change(self, **values: Any) -> None:
         """Set attributes."""
@@ -192,6 +196,9 @@ class FakeUR:
                 elif kind == "int":
                     self._ints[int(number)] = value
                     self._fed = time.perf_counter() if number == "0" else self._fed
+            if (command := values.get("input_int_register_0")) in (SPEED_L, SPEED_STOP):
+                twist = [self._doubles[k] if command == SPEED_L else 0.0 for k in range(6)]
+                self._orders.append((time.perf_counter(), np.array(twist)))
             if "standard_digital_output_mask" in values:
                 mask = values["standard_digital_output_mask"]
                 self.outputs = (self.outputs & ~mask) | (values["standard_digital_output"] & mask)
@@ -239,7 +246,6 @@ class FakeUR:
         elif (command := self._ints[0]) == SPEED_L:
             registers = np.array([self._doubles[k] for k in range(8)])
             self._target, self._acceleration = registers[:6], registers[6]
-            self._note(now, command, registers)
             self._state = READY
         elif command == 0:
             self._executing, self._state = False, READY
@@ -249,13 +255,8 @@ class FakeUR:
                 self._patience = 1.0 / self._doubles[0]
             elif command == SPEED_STOP:
                 self._target, self._acceleration = np.zeros(6), self._doubles[0]
-                self._note(now, command, np.zeros(8))
             elif command == STOP_SCRIPT:
                 self._stop_program()
-
-    def _note(self, now: float, command: int, registers: NDArray[np.float64]) -> None:
-        if not self.orders or self.orders[-1][1] != command or (self.orders[-1][2] != registers).any():
-            self.orders.append((now, command, registers))
 
     def _stop_program(self) -> None:
         self.runs, self._state = False, 0

@@ -229,8 +229,8 @@ class LineArm:
                 self._closing.wait(RETRY)
                 try:
                     self._connect()
-                except OSError as error:
-                    self._why = error.strerror or str(error)
+                except (OSError, ValueError) as error:
+                    self._why = getattr(error, "strerror", None) or str(error)
                 continue
             try:
                 if not select.select([link], [], [], SILENCE)[0]:

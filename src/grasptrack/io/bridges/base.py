@@ -74,7 +74,9 @@ def parse_arm_url(url: str, form: str, known: Mapping[str, Any], port: int = 0) 
         told = dict(parse_qsl(parts.query, strict_parsing=True) if parts.query else ())
         given = {name: type(known[name])(value) for name, value in told.items()}
         if not (parts.fragment or parts.username) and all(np.isfinite(v) for v in given.values() if type(v) is not str):
-            return ArmAddress(parts.hostname or "", parts.port or port, parts.path, {**known, **given})
+            return ArmAddress(
+                parts.hostname or "", port if parts.port is None else parts.port, parts.path, {**known, **given}
+            )
     except (ValueError, KeyError):
         pass
     names = ", ".join(known)
@@ -104,13 +106,12 @@ class BridgedArm(LineArm):
             started.start()
         self._process = started
         try:
-            why = self._read_greeting(mine)
+            if why := self._read_greeting(mine):
+                raise OSError(why)
         except BaseException:
             mine.close()
+            self._end_process()
             raise
-        if why:
-            mine.close()
-            raise OSError(why)
         return mine
 
     def _read_greeting(self, link: socket.socket) -> str:

@@ -44,7 +44,7 @@ _FORM = "ur:HOST, as ur:192.0.2.10"
 
 
 def open_ur(url: str, source: Source) -> BridgedArm:
-    """The arm at ur:HOST.
+    """The arm at ur:HOST, whose tool centre point is the hand's frame.
 
     Settings: `gripper`, the number 0 to 7 of the digital output that closes the fingers while it is on; `held`, that of the
     digital input that is on while something is held.
@@ -89,6 +89,10 @@ class UrBridge:
         if self.gripper != NO_PIN:
             self._io = import_extra("rtde_io", "ur", "an arm").RTDEIOInterface(self.host)
         self._stamp, self._came = 0.0, time.perf_counter()
+        while not self._receive.getTimestamp():
+            if time.perf_counter() - self._came > RETRY:
+                raise OSError("it does not tell its state")
+            time.sleep(1.0 / RATE)
         self._moves = self._closing = False
         if not self._why_not():
             self._start_program()
@@ -114,10 +118,11 @@ class UrBridge:
             self._moves = True
             if not self._control.speedL(twist_in_base(pose, order.twist).tolist(), ACCELERATION, 1.0 / RATE):
                 raise OSError("it takes no command")
-        elif self._moves:
-            self._moves = False
-            self._control.speedStop()
-        self._control.kickWatchdog()
+        else:
+            if self._moves:
+                self._moves = False
+                self._control.speedStop()
+            self._control.kickWatchdog()  # beside a speed, which feeds it too, it might be read in its place
         return pose, self._use_gripper(order)
 
     def release_arm(self) -> None:
