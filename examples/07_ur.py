@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import grasptrack as gt
-from grasptrack.servo.camera import pose_of, rotation_matrix
+from grasptrack.servo.camera import pose_of, rotation_matrix, twist_in_base
 
 LIMITS = gt.Limits(linear=0.05, angular=0.3, linear_acceleration=0.25, angular_acceleration=1.0)
 PERIOD = 0.02  # s of a period of control: 50 Hz
@@ -109,11 +109,6 @@ def pose_matrix(pose: list[float]) -> Floats:
     return pose_of(rotation_matrix(pose[3:]), np.array(pose[:3]))
 
 
-def in_base(hand: Floats, twist: Floats) -> list[float]:
-    """A twist of the hand's frame as `speedL` takes it: the same motion of the same point, its axes those of the base."""
-    return [*(hand[:3, :3] @ twist[:3]).tolist(), *(hand[:3, :3] @ twist[3:]).tolist()]
-
-
 def grasp(control: Control, receive: Receive, camera: Eye, gripper: Hand, fingertips_px: Floats) -> gt.GraspServo:
     """Run one approach; whatever ends it, an error or Ctrl-C included, the arm stands afterwards."""
     tracker = gt.GraspTracker(fingers=2)
@@ -140,7 +135,7 @@ def grasp(control: Control, receive: Receive, camera: Eye, gripper: Hand, finger
                 servo.closed(opening=apart)
             if receive.isProtectiveStopped():
                 servo.stop("the arm has stopped itself: look why, release it on the pendant, and begin anew")
-            elif not control.speedL(in_base(hand, command.twist), LIMITS.linear_acceleration, PERIOD):
+            elif not control.speedL(twist_in_base(hand, command.twist).tolist(), LIMITS.linear_acceleration, PERIOD):
                 servo.stop("the arm takes no commands: is the program on it still running?")
             control.kickWatchdog()
             control.waitPeriod(begun)

@@ -9,18 +9,20 @@ import math
 import struct
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from typing import Any, NamedTuple
+from urllib.parse import urlencode
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from fake_ros_arm import FRAME, FakeRosArm, ThreadedArm
 from grasptrack.errors import InputError
 from grasptrack.io.arms import LineArm, Order, Report, open_arm
+from grasptrack.io.bridges.base import parse_arm_url
 from grasptrack.io.bridges.modbus import _ORDER, ORDER_REGISTERS, pack_order
 from grasptrack.io.bridges.ros2 import TOPIC, RosBridge
 from grasptrack.servo.camera import apply_twist, inverse_pose, pose_of, rotation_matrix, rotation_vector, twist_in_base
@@ -283,6 +285,35 @@ def test_a_url_that_is_none_names_what_would_be_right(url: str, told: str) -> No
     with pytest.raises(InputError) as error:
         open_arm(url, FedCamera())
     assert told in str(error.value) and "\n" not in str(error.value)
+
+
+KNOWN = {"gripper": -1, "open": 0.5, "frame": "tool0"}
+PARTS = st.tuples(
+    st.from_regex(r"[a-z][a-z0-9.-]{0,20}", fullmatch=True),
+    st.integers(1, 65535),
+    st.fixed_dictionaries(
+        {}, optional={"gripper": st.integers(-9, 9), "open": st.floats(-9, 9), "frame": st.just("a/b c")}
+    ),
+)
+
+
+@given(PARTS, st.sampled_from(("", "//")))
+def test_a_url_is_taken_apart_with_slashes_and_without(parts: tuple[str, int, dict[str, Any]], slashes: str) -> None:
+    host, port, told = parts
+    query = f"?{urlencode(told)}" if told else ""
+    assert parse_arm_url(f"arm:{slashes}{host}:{port}{query}", "", KNOWN) == (host, port, "", {**KNOWN, **told})
+    assert parse_arm_url(f"arm:{slashes}{host}{query}", "", KNOWN, 502).port == 502
+
+
+@given(st.text(max_size=40), st.text(max_size=40))
+@example("h?gripper=" + "9" * 400, "")
+@example("h?open=1e999", "")
+@example("[::1", "")
+def test_any_url_is_taken_apart_or_refused_in_a_line(url: str, value: str) -> None:
+    for each in (f"arm:{url}", f"arm:host?gripper={value}"):
+        with suppress(InputError):
+            told = parse_arm_url(each, "arm:HOST", KNOWN).settings
+            assert [*map(type, told.values())] == [*map(type, KNOWN.values())] and math.isfinite(told["open"])
 
 
 def test_registers_that_are_not_there_are_named() -> None:

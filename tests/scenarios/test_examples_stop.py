@@ -12,11 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import grasptrack as gt
-from grasptrack.servo.camera import apply_twist, pose_of, rotation_matrix
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
@@ -181,23 +178,6 @@ def test_an_arm_that_takes_no_commands_ends_the_approach(example: SimpleNamespac
     arm.speedL = lambda *_: False
     servo = example.grasp(arm, arm, p.PretendCamera(arm), p.PretendGripper(arm), p.fingertips())
     assert servo.state == "failed" and "takes no commands" in servo.reason
-
-
-numbers = st.floats(-1.0, 1.0)
-
-
-@given(turn=st.tuples(numbers, numbers, numbers), twist=st.tuples(*[numbers] * 6))
-def test_velocities_in_the_base_are_those_of_the_same_point(
-    example: SimpleNamespace, turn: tuple[float, ...], twist: tuple[float, ...]
-) -> None:
-    """Against finite differences of the motion that the twist means in the hand's frame."""
-    hand, small = pose_of(rotation_matrix(3.0 * np.array(turn)), np.array([0.3, -0.2, 0.4])), 1e-6
-    after = apply_twist(hand, np.array(twist), small)
-    before = apply_twist(hand, np.array(twist), -small)
-    speed = np.array(example.in_base(hand, np.array(twist)))
-    np.testing.assert_allclose((after - before)[:3, 3] / (2 * small), speed[:3], atol=1e-6)
-    spin = (after - before)[:3, :3] @ hand[:3, :3].T / (2 * small)
-    np.testing.assert_allclose([spin[2, 1], spin[0, 2], spin[1, 0]], speed[3:], atol=1e-6)
 
 
 def test_poses_are_read_as_ur_arms_tell_them(example: SimpleNamespace) -> None:

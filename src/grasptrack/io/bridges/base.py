@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import multiprocessing
 import os
 import select
@@ -73,11 +74,11 @@ def parse_arm_url(url: str, form: str, known: Mapping[str, Any], port: int = 0) 
         parts = urlsplit(f"//{url.partition(':')[2].removeprefix('//')}")
         told = dict(parse_qsl(parts.query, strict_parsing=True) if parts.query else ())
         given = {name: type(known[name])(value) for name, value in told.items()}
-        if not (parts.fragment or parts.username) and all(np.isfinite(v) for v in given.values() if type(v) is not str):
+        if not (parts.fragment or parts.username) and all(math.isfinite(v) for v in given.values() if type(v) is not str):
             return ArmAddress(
                 parts.hostname or "", port if parts.port is None else parts.port, parts.path, {**known, **given}
             )
-    except (ValueError, KeyError):
+    except (ValueError, KeyError, OverflowError):
         pass
     names = ", ".join(known)
     raise InputError(f'an arm of this kind is {form}, with {names} as settings (?NAME=VALUE&...), not "{url}"', url=url)
