@@ -282,7 +282,7 @@ def drive(cell: ArmCell, seconds: float) -> tuple[Floats, Floats, int]:
         closed += cell.session.shown.servo is not None and cell.session.shown.servo.word == "Closed"
         came = cell.arm.orders()[first:]
         late += [1e3 * (at + offset - image) for at, image in arrivals(cell.sent[begun:], came)]
-        moving = np.array([bool(twist.any()) for _, twist in came])
+        moving = np.array([twist.any() for _, twist in came], dtype=bool)
         steps = 1e3 * np.diff([at for at, _ in came])
         gaps += steps[moving[:-1] & moving[1:]].tolist()
     return np.array(late), np.array(gaps), closed
@@ -347,7 +347,7 @@ def main() -> None:
     )
     args: Any = parser.parse_args()
     sys.path.append(str(ROOT / "tests" / "helpers"))
-    common.begin_section("An arm from the live page" + ("" if args.arm == "tcp" else f", {args.arm}:"))
+    common.begin_section("An arm from the live page" + ("" if args.arm == "tcp" else f": a bridge, {args.arm}"))
     with tempfile.TemporaryDirectory() as folder:
         cell = ArmCell(Path(folder), args.arm)
         late, gaps, closed = drive(cell, args.seconds)

@@ -17,7 +17,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from grasptrack.servo.camera import apply_twist, pose_of, quaternion_of
 
 SCAN_S = 0.01
-SILENCE_S = 0.2
+SILENCE_S = 0.15
 """Without a new heartbeat for so long the arm stands."""
 WRITE, READ, UNIT, REGISTERS = 0, 100, 1, 200
 HOLDING = 3

@@ -74,7 +74,9 @@ def parse_arm_url(url: str, form: str, known: Mapping[str, Any], port: int = 0) 
         parts = urlsplit(f"//{url.partition(':')[2].removeprefix('//')}")
         told = dict(parse_qsl(parts.query, strict_parsing=True) if parts.query else ())
         given = {name: type(known[name])(value) for name, value in told.items()}
-        if not (parts.fragment or parts.username) and all(math.isfinite(v) for v in given.values() if type(v) is not str):
+        if not (parts.fragment or parts.username) and all(
+            math.isfinite(v) for v in given.values() if type(v) is not str
+        ):
             return ArmAddress(
                 parts.hostname or "", port if parts.port is None else parts.port, parts.path, {**known, **given}
             )

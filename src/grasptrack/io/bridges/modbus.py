@@ -31,10 +31,13 @@ CLOSE, OPEN = 1, 2
 HELD, EMPTY, OPENING = 1, 2, 3
 ORDER_REGISTERS = (
     ("H", "version, 1"),
-    ("H", "heartbeat, by one more in each order, modulo 65536: without a new one for 0.2 s the arm has to stand"),
+    (
+        "H",
+        f"heartbeat, by one more in each order, modulo 65536: without a new one for {SILENCE:g} s the arm has to stand",
+    ),
     ("H", "1 while a person lets it move, else 0 and a twist of 0"),
     ("H", "fingers: 0 nothing was asked, 1 close, 2 open"),
-    ("H", "number of that command, by one more with each, modulo 65536"),
+    ("H", "number of that command, by one more with each, modulo 65536: a new one is to be done"),
     ("H", "age of the newest image, ms; 65535: as much or more, or none"),
     ("3f", "twist: m/s along x, y, z of the hand's frame, floats"),
     ("3f", "twist: rad/s about x, y, z of the hand's frame, floats"),
