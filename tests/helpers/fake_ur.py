@@ -238,10 +238,10 @@ class FakeUR:
     def _run_script(self, now: float) -> None:
         if not self.runs:
             return
-        if now - self._fed > self._patience:
+        if self._paused:  # as if somebody let the program go on afterwards
+            self._fed = now
+        elif now - self._fed > self._patience:
             self.stopped_by_watchdog = now
-            self._stop_program()
-        elif self.safety != NORMAL or self.robot != RUNNING:
             self._stop_program()
         elif (command := self._ints[0]) == SPEED_L:
             registers = np.array([self._doubles[k] for k in range(8)])
@@ -258,12 +258,16 @@ class FakeUR:
             elif command == STOP_SCRIPT:
                 self._stop_program()
 
+    @property
+    def _paused(self) -> bool:
+        return self.safety != NORMAL or self.robot != RUNNING
+
     def _stop_program(self) -> None:
         self.runs, self._state = False, 0
         self._target, self._acceleration = np.zeros(6), 10.0
 
     def _move(self, passed: float) -> None:
-        gap = self._target - self.speed
+        gap = (np.zeros(6) if self._paused else self._target) - self.speed
         most = self._acceleration * passed
         self.speed = self.speed + gap * min(
             most / max(float(np.abs(gap[:3]).max()), float(np.abs(gap[3:]).max()), 1e-12), 1.0

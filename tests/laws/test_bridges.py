@@ -239,6 +239,19 @@ def test_why_it_cannot_be_moved_is_one_line_until_it_can(
         cell.wait(lambda: cell.look().any(), MOVE)
 
 
+def test_a_program_that_goes_on_after_a_stop_does_not_go_on_moving() -> None:
+    with ur_cell() as cell:
+        cell.wait(lambda: cell.look().any(), MOVE)
+        cell.change(safety=3)
+        cell.wait(lambda: "protective stop" in cell.arm.why_not() and not cell.look().any(), MOVE)
+        cell.change(safety=1)
+        for _ in range(30):
+            assert np.abs(cell.look()[:3]).max() < 1e-3
+            cell.run(STAND, 0.01)
+        cell.wait(lambda: not cell.arm.why_not())
+        cell.wait(lambda: cell.look().any(), MOVE)
+
+
 def test_fingers_close_once_and_what_they_hold_is_told_once() -> None:
     told: list[Report] = []
     with modbus_cell() as cell:

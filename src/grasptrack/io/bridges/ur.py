@@ -93,7 +93,7 @@ class UrBridge:
             if time.perf_counter() - self._came > RETRY:
                 raise OSError("it does not tell its state")
             time.sleep(1.0 / RATE)
-        self._moves = self._closing = False
+        self._moves = self._closing = self._interrupted = False
         if not self._why_not():
             self._start_program()
 
@@ -108,8 +108,12 @@ class UrBridge:
         pose = pose_of(rotation_matrix(told[3:]), np.array(told[:3]))
         if why := self._why_not():
             stopped = why if self._moves else ""
-            self._moves = False
-            return pose, Report(stopped=stopped, not_ready=why)  # unfed, its program ends
+            self._moves, self._interrupted = False, self._control is not None
+            if self._control is not None:  # were its program let go on, it would go on with the last speed
+                self._control.speedL([0.0] * 6, ACCELERATION, 1.0 / RATE)
+            return pose, Report(stopped=stopped, not_ready=why)
+        if self._interrupted:
+            raise OSError("it had stopped: its program begins anew")
         if self._control is None:
             self._start_program()
         if not self._control.isProgramRunning():
