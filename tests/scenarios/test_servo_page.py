@@ -168,7 +168,7 @@ def test_a_verb_tells_what_is_wrong_before_anything_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("tomllib", reason="TOML needs Python 3.11")
-    (tmp_path / "servo.toml").write_text('arm = "ur:192.0.2.7"')
+    (tmp_path / "servo.toml").write_text('arm = "scara:192.0.2.7"')
     (tmp_path / "in").mkdir()
     import cv2
 
