@@ -11,23 +11,23 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 43_915,
-    "src/grasptrack/tracking": 9_623,
-    "src/grasptrack/servo": 4_908,
-    "src/grasptrack/io": 6_193,
+    "src/grasptrack": 44_710,
+    "src/grasptrack/tracking": 9_622,
+    "src/grasptrack/servo": 4_913,
+    "src/grasptrack/io": 6_961,
     "src/grasptrack/segmentation": 4_357,
-    "src/grasptrack/cli": 3_268,
+    "src/grasptrack/cli": 3_269,
     "src/grasptrack/live": 2_974,
     "src/grasptrack/view": 2_026,
     "src/grasptrack/trackability": 1_920,
-    "src/grasptrack/grasp": 1_787,
+    "src/grasptrack/grasp": 1_777,
     "bench": 15_227,
-    "research": 12_524,
-    "native": 7_368,
-    "tests": 46_277,
+    "research": 12_679,
+    "native": 7_487,
+    "tests": 47_186,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
-MODULES = 220
+MODULES = 225
 SAME_NAMES = 0
 """Names that more than one class has."""
 NAMED = ("tracking", "segmentation")
