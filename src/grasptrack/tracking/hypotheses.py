@@ -385,7 +385,7 @@ class Solutions:
         # else nothing was taken for its surface, or what comes back does not show what moved meanwhile
         shown = not state.lost and texture_evidence(state, estimate) > 0.0
         if ground is not None and shown:
-            self._note_marks(estimate, ground, still=False)
+            self._note_marks(estimate, ground, still=True)
         if (own < least and ground is None) or not estimate.texture_agreeing:
             return estimate
         start = estimate.G
