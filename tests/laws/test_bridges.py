@@ -6,7 +6,9 @@ ur_rtde and the client of registers are real, and rclpy is a stub.
 
 import json
 import math
+import socket
 import struct
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
@@ -22,7 +24,7 @@ from hypothesis.extra.numpy import arrays
 from fake_ros_arm import FRAME, FakeRosArm, ThreadedArm
 from grasptrack.errors import InputError
 from grasptrack.io.arms import LineArm, Order, Report, open_arm
-from grasptrack.io.bridges.base import parse_arm_url
+from grasptrack.io.bridges.base import BridgedArm, parse_arm_url
 from grasptrack.io.bridges.modbus import _ORDER, ORDER_REGISTERS, pack_order
 from grasptrack.io.bridges.ros2 import TOPIC, RosBridge
 from grasptrack.servo.camera import apply_twist, inverse_pose, pose_of, rotation_matrix, rotation_vector, twist_in_base
@@ -371,3 +373,12 @@ def test_a_line_of_errors_ends_a_bridge_in_a_sentence() -> None:
     with pytest.raises(InputError) as error:
         ThreadedArm(Broken())  # type: ignore[arg-type]
     assert str(error.value) == 'no arm answers at "ros2:": no arm' and json.dumps(str(error.value))
+
+
+def test_a_greeting_is_read_and_nothing_that_follows_at_once() -> None:
+    arm = object.__new__(BridgedArm)
+    arm._closing = threading.Event()
+    near, far = socket.socketpair()
+    with near, far:
+        far.sendall(b'{"error":""}\n{"sequence":1}\n')
+        assert arm._read_greeting(near) == "" and near.recv(99) == b'{"sequence":1}\n'

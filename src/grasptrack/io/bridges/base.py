@@ -123,7 +123,7 @@ class BridgedArm(LineArm):
             if self._closing.is_set() or time.monotonic() > until:
                 return f"its bridge has not reached it within {STARTING:g} s"
             if select.select([link], [], [], BEAT)[0]:
-                piece = link.recv(LONGEST_LINE)
+                piece = link.recv(1)  # what follows the greeting may have come already
                 if not piece:
                     return "its driver has ended the bridge"
                 line += piece
