@@ -78,7 +78,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(made)
 
     for path, page in OUTSIDE.items():
-        text = (ROOT / path).read_text(encoding="utf-8").replace("](docs/", "](")
+        text = (ROOT / path).read_text(encoding="utf-8").replace("](docs/", "](").replace("](../docs/", "](")
         made = File.generated(config, page, content=text)
         made.edit_uri = f"../{path}"
         files.append(made)
