@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 44_710,
-    "src/grasptrack/tracking": 9_622,
+    "src/grasptrack": 44_713,
+    "src/grasptrack/tracking": 9_625,
     "src/grasptrack/servo": 4_913,
     "src/grasptrack/io": 6_961,
     "src/grasptrack/segmentation": 4_357,

@@ -32,6 +32,7 @@ from grasptrack.tracking.pose import (
     SAME_PLACE,
     TRIED,
     TURNED,
+    FixedMarks,
     PoseEstimate,
     contact_tolerance,
     is_at,
@@ -39,7 +40,7 @@ from grasptrack.tracking.pose import (
     mean_point,
     worst_variance,
 )
-from grasptrack.tracking.state import FixedMarks, TrackState
+from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Bools, Floats
 

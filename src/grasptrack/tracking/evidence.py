@@ -10,8 +10,8 @@ from grasptrack import kernels
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels.results import SurfaceEvidence
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.pose import SAME_PLACE, PoseEstimate, max_contact_distance
-from grasptrack.tracking.state import SEEN, FixedMarks, TrackState
+from grasptrack.tracking.pose import SAME_PLACE, FixedMarks, PoseEstimate, max_contact_distance
+from grasptrack.tracking.state import SEEN, TrackState
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats
 

@@ -27,6 +27,7 @@ from grasptrack.tracking.patches import LEAST_NOISE
 from grasptrack.tracking.pose import (
     CONTINUOUS,
     SAME_PLACE,
+    FixedMarks,
     Hypothesis,
     Look,
     PoseEstimate,
@@ -39,7 +40,7 @@ from grasptrack.tracking.pose import (
     sane_area,
     worst_variance,
 )
-from grasptrack.tracking.state import MAX_LOG_ODDS, FixedMarks, TrackState
+from grasptrack.tracking.state import MAX_LOG_ODDS, TrackState
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
 

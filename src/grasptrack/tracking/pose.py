@@ -4,6 +4,7 @@
 import copy
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -71,6 +72,20 @@ def changed_estimate(estimate: PoseEstimate, *, origin: str | None = None, confi
 def is_at(estimate: PoseEstimate, place: tuple[float, float], share: float = SAME_PLACE) -> bool:
     """Whether an estimate lies within a share of sqrt(area) of a place (x, y) px."""
     return math.dist(estimate.middle, place) < share * math.sqrt(estimate.area)
+
+
+class FixedMarks(NamedTuple):
+    """What may be fixed in the image, as a crosshair or dirt on the lens, and was taken for an object's surface.
+
+    Attributes:
+        G: (3, 3) the pose at which they show that surface.
+        object_pose: (3, 3) where the object itself is, by its outline or the ground; None where neither tells it.
+        still: they stood still while the object moved on.
+    """
+
+    G: Floats
+    object_pose: Floats | None
+    still: bool
 
 
 def lead_alike(target: Target, one: Hypothesis | PoseEstimate, other: Hypothesis | PoseEstimate) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.plane import Plane
-from grasptrack.tracking.pose import Look, sane_area
+from grasptrack.tracking.pose import FixedMarks, Look, sane_area
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Bools, Floats, Ints
 
@@ -251,20 +251,6 @@ class Coasting(NamedTuple):
     G: Floats
     velocity: Floats
     steps: float = 0.0
-
-
-class FixedMarks(NamedTuple):
-    """What may be fixed in the image, as a crosshair or dirt on the lens, and was taken for an object's surface.
-
-    Attributes:
-        G: (3, 3) the pose at which they show that surface.
-        object_pose: (3, 3) where the object itself is, by its outline or the ground; None where neither tells it.
-        still: they stood still while the object moved on.
-    """
-
-    G: Floats
-    object_pose: Floats | None
-    still: bool
 
 
 @dataclass
