@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import grasptrack as gt
 from grasptrack.segmentation.candidate import alike_share, two_toned
 from grasptrack.segmentation.closed_edges import lab_planes
+from grasptrack.segmentation.shadow import out_of_ramp
 from grasptrack.segmentation.silhouettes import Silhouette, neck_width, picture_window, thin_share, trace_silhouettes
 from grasptrack_bench.simulation import SHAPES
 
@@ -190,3 +191,36 @@ def test_a_rounded_rim_that_is_lit_belongs_to_its_object(name: str, seed: int) -
     found = gt.first_look(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))[0].view.outer.points
     away = [abs(cv2.pointPolygonTest(ring, at, True)) for at in found.tolist()]
     assert np.percentile(away, 95) < 2.0
+
+
+def lit_bracket(way: float, offset: float, softness: float, left: float) -> tuple[np.ndarray, np.ndarray]:
+    """(480, 640) a dark bracket whose contact shadow, as dark as itself at most, lies on one side, and its mask."""
+    true = filled((200, 130, 300, 330), (301, 230, 430, 330))
+    shift = np.array([[1.0, 0.0, offset * np.cos(way)], [0.0, 1.0, offset * np.sin(way)]])
+    cast = cv2.warpAffine(true.astype(np.float32) / 255.0, shift, (640, 480))
+    ground = 190.0 * (1.0 - (1.0 - left) * cv2.GaussianBlur(cast, (0, 0), softness))
+    seen = cv2.GaussianBlur(np.where(true > 0, 100.0, ground), (0, 0), 0.8)
+    noise = np.random.default_rng(round(1000.0 * way)).normal(0.0, 1.5, true.shape)
+    return (seen + noise).clip(0, 255).astype(np.uint8), true
+
+
+def share_beside(view: gt.View, true: np.ndarray, far: float) -> float:
+    """Of an outline, farther than some px from the true one."""
+    ring = silhouette(true).outer
+    away = [abs(cv2.pointPolygonTest(ring, at, True)) for at in view.outer.points.tolist()]
+    return float((np.array(away) > far).mean())
+
+
+@given(st.floats(0.0, 6.28), st.floats(3.0, 6.0), st.floats(0.5, 0.6))
+def test_a_contact_shadow_as_dark_as_its_object_is_none_of_it(way: float, offset: float, left: float) -> None:
+    image, true = lit_bracket(way, offset, 0.75 * offset, left)
+    found = gt.first_look(image, (250, 280))[0]
+    assert share_beside(found.view, true, 3.0) < 0.15  # on a ramp it is ragged by some px
+
+
+@given(st.floats(0.0, 6.28), st.sampled_from([0.8, 2.0, 4.0]))
+def test_an_outline_without_a_shadow_stays_where_it_is_however_blurred(way: float, blur: float) -> None:
+    image, _ = lit_bracket(way, 0.0, 0.8, 1.0)
+    image = cv2.GaussianBlur(image, (0, 0), blur)
+    view = gt.first_look(image, (250, 280))[0].view
+    assert out_of_ramp(view, lab_planes(image), 1) is view

@@ -47,7 +47,7 @@ from grasptrack.segmentation.proposals import (
 )
 from grasptrack.segmentation.seams import joined_parts
 from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, asked_regions, region_maps
-from grasptrack.segmentation.shadow import without_shadow
+from grasptrack.segmentation.shadow import out_of_ramp, without_shadow
 from grasptrack.segmentation.silhouettes import (
     Chain,
     Silhouette,
@@ -397,6 +397,8 @@ class CandidateSearch:
         if found.view.contours[1:]:
             holes = holes_on_ground(self._scene.planes, p.silhouette, found.view.contours[1:])
             found = found._replace(view=View([found.view.outer, *holes]))
+        if shaded:
+            found = found._replace(view=out_of_ramp(found.view, self._scene.edges.planes, self._scene.edges.shrink))
         return found._replace(level=p.level, recipe=p.recipe, grain=p.grain, shaded=is_cut_out)
 
     def _out_of_shadow(self, p: OutlineProposal) -> tuple[OutlineProposal, bool]:

@@ -1,14 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Removes an object's shadow from its silhouette: darker background beside it, in the object's own shape."""
+"""Removes an object's shadow: of its silhouette darker background beside it, in the object's own shape; of its outline the
+ramp on one side, where a contact shadow is as dark as the object and fades outward.
+
+A ramp is no edge: its steepest place, and that of a threshold, lie in the shadow, and the object ends at the ramp's foot, where
+its own colour does. A rounded rim that is lit is a ramp, too, but ends in an edge. How far a foot is inward follows from where
+the light comes from: one shift and one softness explain it all round. The rest of the outline tells how wide a true edge is in
+this image.
+"""
 
 from __future__ import annotations
+
+import math
 
 import cv2
 import numpy as np
 
+from grasptrack.geometry.contours import Contour, View
 from grasptrack.images import Grey
+from grasptrack.segmentation.candidate import SAME_EDGE, outward_normals
+from grasptrack.segmentation.closed_edges import Planes
 from grasptrack.segmentation.silhouettes import Silhouette, otsu_threshold, to_binary, trace_silhouettes
-from grasptrack.typing import Bools, Floats32, Pixels
+from grasptrack.segmentation.snapping import read_bilinear
+from grasptrack.typing import Bools, Floats, Floats32, Pixels
 
 DARK, BRIGHT = 0.25, 0.93
 """A shadow leaves a share of the light between these."""
@@ -33,6 +46,19 @@ SOFTENING = 1.2
 GREY_LEVELS = 255.0
 """Levels that the share of the light is divided into."""
 THREE = np.ones((3, 3), np.uint8)
+RAMP_SAMPLES, RAMP_MEAN, RAMP_CHORD = 256, 5, 3
+"""Points of an outline at which its edge is looked at; of how many of them a mean is taken, and how many its tangent spans."""
+RAMP_INSIDE, RAMP_OUTSIDE, OWN_COLOUR = 10, 8, 5
+"""px of the working image to either side of an outline; and px from the innermost on that show the object's own colour."""
+FOOT_NOISE, LEAST_RISE = 4.0, 0.04
+"""Medians of how the object's own colour varies that a ramp rises from its foot before that is seen, and what rounding hides of
+the contrast."""
+SHARP_SHARE = 0.25
+"""Of an outline, at least, that no shadow lies beside."""
+SHIFTS, SOFTNESSES = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0), (-4.0, -2.0, -1.0, 0.0, 1.0, 2.0)
+"""px of the working image by which a shadow is shifted, and by which the place of its ramp lies farther out or in."""
+RAMP_TERMS = 3
+"""What a shadow's ramp is told by: two of its shift, and its softness."""
 
 
 def without_shadow(image: Pixels, shape: Silhouette) -> Silhouette | None:
@@ -122,3 +148,64 @@ def _is_cast(alone: Grey, both: Grey) -> bool:
             if covered - over >= EXPLAINED * wanted:
                 return True
     return False
+
+
+def out_of_ramp(view: View, planes: Planes, px: int) -> View:
+    """An outline whose part on a shadow's ramp is moved to the ramp's foot; the same where there is no such ramp.
+
+    The planes (h, w, C) are of the image reduced by `px`. A ramp is one if a shift and a softness explain more than as many
+    numbers do by chance, and lead farther than outlines of one edge differ.
+    """
+    points = view.outer.points[np.linspace(0, len(view.outer), RAMP_SAMPLES, endpoint=False).astype(np.intp)]
+    normals = outward_normals(points, RAMP_CHORD)
+    inward = _foot_distances((points - 0.5 * (px - 1)) / px, normals, planes)
+    if float(inward.max()) <= SAME_EDGE:
+        return view
+    shift, softness = _explain_ramp(inward, normals)
+    if float(np.max(softness + normals @ shift)) <= SAME_EDGE:
+        return view
+    moved = []
+    for c in view.contours:
+        along = outward_normals(c.points, RAMP_CHORD)
+        points = c.points - px * np.maximum(softness + along @ shift, 0.0)[:, None] * along
+        moved.append(Contour.trusted(points, hole=c.hole, strength=c.strength, clipped=c.clipped))
+    return View(moved)
+
+
+def _foot_distances(points: Floats, normals: Floats, planes: Planes) -> Floats:
+    """(n,) px by which an edge at points (n, 2) begins farther inward than true edges of the same outline do."""
+    steps = np.arange(-RAMP_INSIDE, RAMP_OUTSIDE + 1)
+    seen = read_bilinear(planes, points[:, None] + steps[None, :, None] * normals[:, None])
+    around = np.concatenate([seen[-(RAMP_MEAN // 2) :], seen, seen[: RAMP_MEAN // 2]])
+    seen = np.mean([around[k : k + len(points)] for k in range(RAMP_MEAN)], axis=0)
+    own, ground, middle = np.median(seen[:, :OWN_COLOUR], axis=1), seen[:, -1], RAMP_INSIDE
+    contrast = np.maximum(np.linalg.norm(ground - own, axis=1), 1.0)
+    risen = np.linalg.norm(seen - own[:, None], axis=2) / contrast[:, None]
+    least = max(LEAST_RISE, FOOT_NOISE * float(np.median(risen[:, :OWN_COLOUR])))
+    over = risen > least
+    first = np.where(over.any(axis=1), over.argmax(axis=1), len(steps) - 1).clip(1)
+    row = np.arange(len(points))
+    before, after = risen[row, first - 1], risen[row, first]
+    foot = steps[first] - np.clip((after - least) / np.maximum(after - before, 1e-6), 0.0, 1.0)
+    slope = np.linalg.norm(seen[:, 2:] - seen[:, :-2], axis=2).max(axis=1) / 2.0
+    half = 0.5 * contrast / np.maximum(slope, 1e-6)
+    # print varies, too, and a rounded rim that is lit rises inward; but where an edge is steep no ramp reaches far
+    wider = 2.0 * np.maximum(half - np.quantile(half, SHARP_SHARE), 0.0)
+    inward = np.minimum(np.maximum(np.quantile(foot, 1.0 - SHARP_SHARE) - foot, 0.0), wider)
+    return np.asarray(np.where(ground[:, 0] > seen[:, middle, 0], inward, 0.0))  # a shadow is darker than the ground
+
+
+def _explain_ramp(inward: Floats, normals: Floats) -> tuple[Floats, float]:
+    """(2,) shift and softness, px, that explain best how far inward (n,) the foot of a ramp lies; zero where chance does."""
+    angles = np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS)
+    ways = np.column_stack([np.cos(angles), np.sin(angles)])
+    facing = normals @ ways.T
+    shifts, softnesses = (each.ravel() for each in np.meshgrid(SHIFTS, SOFTNESSES))
+    told = np.maximum(softnesses[:, None, None] + shifts[:, None, None] * facing.T[None], 0.0)
+    off = np.abs(told - inward).mean(axis=2)
+    best, way = np.unravel_index(int(np.argmin(off)), off.shape)
+    count = len(inward) / RAMP_MEAN  # neighbours share what they show
+    chance = math.exp(-RAMP_TERMS * math.log(count) / (2.0 * count))  # Schwarz's criterion, for Laplace's distribution
+    if float(off[best, way]) >= chance * float(inward.mean()):
+        return np.zeros(2), 0.0
+    return shifts[best] * ways[way], float(softnesses[best])

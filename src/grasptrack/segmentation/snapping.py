@@ -138,12 +138,12 @@ class OutlineSnapper:
         steps = np.arange(-count, count + 1)
         at = points[:, :, None, :] + steps[None, None, :, None] * normals[None, :, None, :]
         x, y = (normals[None, :, None, axis] for axis in (0, 1))
-        slope = np.abs(_read_bilinear(self._across, at) * x + _read_bilinear(self._along, at) * y)
+        slope = np.abs(read_bilinear(self._across, at) * x + read_bilinear(self._along, at) * y)
         gain = np.clip(slope, numbers.least, numbers.most) - numbers.least
         gain -= numbers.away * np.abs(steps) + steps**2 / (2.0 * numbers.spread**2)
         odds = numbers.colour * np.stack([self._colour_odds(p, normals, count, pool) for p in points])
         if self._map is not None:
-            odds += numbers.map * (2.0 * _read_bilinear(self._map, at) - 1.0)
+            odds += numbers.map * (2.0 * read_bilinear(self._map, at) - 1.0)
         taken_in = np.cumsum(odds, axis=2)
         gain += taken_in - taken_in[:, :, count : count + 1]
         chosen = steps[_smoothest_paths(gain, numbers.bend)]
@@ -154,7 +154,7 @@ class OutlineSnapper:
         reach = count + math.ceil(OUTSIDE_DEPTH)
         steps = np.arange(-reach, reach + 1)
         at = points[:, None, :] + steps[None, :, None] * normals[:, None, :]
-        colours = _read_bilinear(self._planes, at).reshape(len(points), len(steps), -1)
+        colours = read_bilinear(self._planes, at).reshape(len(points), len(steps), -1)
         inside, outside = _polygon_depths(points, at)
         deepest = np.maximum(inside.max(axis=1, keepdims=True) - 1.0, 1.0)
         within = (inside >= np.minimum(INSIDE_DEPTH, deepest)) & (steps < 0)
@@ -209,7 +209,7 @@ def _polygon_depths(points: Floats, at: Floats) -> tuple[Floats, Floats]:
     width, height = (np.ceil(at.max(axis=(0, 1)) - low) + 2.0).astype(int).tolist()
     mask = fill_polygon(points - low, (height, width))
     inside, outside = (np.asarray(cv2.distanceTransform(m, cv2.DIST_L2, 5), np.float32) for m in (mask, FAR - mask))
-    return _read_bilinear(inside, at - low), _read_bilinear(outside, at - low)
+    return read_bilinear(inside, at - low), read_bilinear(outside, at - low)
 
 
 def _pool_colors(colours: Floats, chosen: Bools, pool: int) -> tuple[Floats, Floats, Floats]:
@@ -251,7 +251,7 @@ def _smoothest_paths(gain: Floats, bend: float) -> NDArray[np.intp]:
     return np.roll(path[middle : middle + n], middle, axis=0).T
 
 
-def _read_bilinear(plane: Floats32, at: Floats) -> Floats:
+def read_bilinear(plane: Floats32, at: Floats) -> Floats:
     """Values of a plane (h, w), or of planes (h, w, c), at points (..., m, 2), those of the border beyond it: of the shape of
     the points, with c behind."""
     flat = at.reshape(-1, at.shape[-2], 2).astype(np.float32)
