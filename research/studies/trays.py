@@ -152,9 +152,11 @@ def draw_tray(kinds: Sequence[Kind], levels: Sequence[float], laid: str, seed: i
     made = [
         Distractor(kinds[k].shape, another_surface(levels[k], rng), turn=turn, shift=at) for k, turn, at, _ in placed
     ]
+    # the scene's own shape lies far out of view, before the camera
+    away = next(at for at in ((60.0, 60.0), (-60.0, -60.0)) if float(H[2] @ (1.1 * at[0], 1.1 * at[1], 1.0)) > 0.0)
     scene = Scene(
         SHAPES["square"](), path, camera=TRAY, table=draw_table(beside(float(np.mean(levels)), rng), rng),
-        distractors=made, conditions=draw_conditions(rng), seed=seed, moves=np.array([[60.0, 60.0, 0.0]]),
+        distractors=made, conditions=draw_conditions(rng), seed=seed, moves=np.array([[*away, 0.0]]),
     )  # fmt: skip
     covered = [cover_of(p[3], [q[3] for q in placed[i + 1 :]]) for i, p in enumerate(placed)]
     lying = [Lying(kinds[p[0]], H @ d.place(0.0), c) for p, d, c in zip(placed, made, covered, strict=True)]

@@ -12,8 +12,9 @@ from grasptrack import GraspTracker
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower
+from grasptrack.tracking.placements import MAX_SOLVED
 from grasptrack.tracking.pose import Hypothesis, Look, max_contact_distance, share_in_view
-from grasptrack.tracking.redetection import MATCHED, MAX_SOLVED, MAX_WAYS, Keypoints, wide_prior
+from grasptrack.tracking.redetection import MATCHED, MAX_WAYS, Keypoints, wide_prior
 from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.simulation import SHAPES, Shape
 from grasptrack_bench.simulation.coverage import subdivide_polygon
@@ -103,10 +104,10 @@ def test_the_share_that_is_seen_tells_a_pose_from_another() -> None:
     scene = begun("hook")
     redetection, target = scene.follower.redetection, scene.follower.target
     image = photo([(scene.shape, FIRST)])
-    assert redetection.edge_share(image, target.A) > 0.9
-    assert redetection.edge_share(photo([]), target.A) < 0.3
-    assert redetection.edge_share(image, np.diag([-1.0, 1.0, 1.0]) @ target.A) == 0.0  # from behind
-    assert redetection.edge_share(image, np.full((3, 3), math.nan)) == 0.0
+    assert redetection.samples.edge_share(image, target.A) > 0.9
+    assert redetection.samples.edge_share(photo([]), target.A) < 0.3
+    assert redetection.samples.edge_share(image, np.diag([-1.0, 1.0, 1.0]) @ target.A) == 0.0  # from behind
+    assert redetection.samples.edge_share(image, np.full((3, 3), math.nan)) == 0.0
 
 
 def test_one_place_is_solved_once_and_what_shows_nothing_never() -> None:
@@ -116,7 +117,7 @@ def test_one_place_is_solved_once_and_what_shows_nothing_never() -> None:
     away, near = np.eye(3), np.eye(3)
     away[0, 2], near[0, 2] = 90.0, 1.0
     tried = [Hypothesis(str(k), M @ target.A, wide) for k, M in enumerate((away, np.eye(3), near))]
-    assert len(redetection.promising(levels, tried)) == 1
+    assert len(redetection.samples.promising(levels[0], tried)) == 1
     assert redetection.worth_solving(levels, tried[:1]) == tried[:1]  # continuity has a say in any case
 
 

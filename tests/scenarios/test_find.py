@@ -10,6 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import grasptrack as gt
 from grasptrack.cli.main import main
@@ -25,6 +27,7 @@ HOOK = 1.3 * np.array([[-60, -40], [60, -40], [60, 40], [20, 40], [20, -5], [-60
 ELL = 1.1 * L_PLATE
 MIRRORED = ELL[::-1] * np.array([-1.0, 1.0])
 DISC = 70.0 * np.column_stack([np.cos(np.arange(0.0, 6.28, 0.1)), np.sin(np.arange(0.0, 6.28, 0.1))])
+STAR = 100.0 * SHAPES["star"]().outer
 CRESCENT = 130.0 * SHAPES["crescent"]().outer
 SIZE = (480, 640)
 
@@ -196,6 +199,39 @@ def test_a_covered_part_is_found_or_told_and_comes_after_those_in_plain_view() -
     assert len(found) >= 2 and found[0].edge >= found[-1].edge
     for one in found:
         assert min(np.hypot(*(one.contacts - truth(angle, at)).T).max() for _, angle, at in THREE) < 2.0
+
+
+@given(st.floats(0.0, 6.28), st.floats(0.0, 6.28), st.floats(60.0, 90.0))
+def test_parts_that_lie_over_each_other_are_both_found_or_told(first: float, second: float, apart: float) -> None:
+    """One silhouette of two parts of one grey: the third in view tells their size, and each what of the other is not seen."""
+    placed = [*zip((first, second), ((200.0, 240.0), (200.0 + apart, 240.0)), strict=True), (0.4, (500.0, 130.0))]
+    found = [one for one in gt.find(tray(*((ELL, *each) for each in placed)), part()) if one.found]
+    nearest = [min(range(3), key=lambda k: np.hypot(*(one.contacts - truth(*placed[k])).T).max()) for one in found]
+    assert len(set(nearest)) == len(found) and 2 in nearest
+    for one, k in zip(found, nearest, strict=True):
+        assert np.hypot(*(one.contacts - truth(*placed[k])).T).max() < 3.0
+
+
+def test_many_of_the_parts_that_lie_over_each_other_are_found() -> None:
+    """One of eighty was, while what one covers of another spoke against both."""
+    rng, found = np.random.default_rng(4), 0
+    for _ in range(12):
+        turns, apart = rng.uniform(0.0, 6.28, 2), rng.uniform(60.0, 90.0)
+        image = tray((ELL, turns[0], (200.0, 240.0)), (ELL, turns[1], (200.0 + apart, 240.0)), THREE[2])
+        found += sum(one.found for one in gt.find(image, part())) - 1
+    assert found >= 9
+
+
+def test_a_part_taught_aslant_is_found_in_each_of_its_turns() -> None:
+    """Seen from nearby no turn of a star's image fits itself; its turns were taken for rivals, and it was missed."""
+    image = drawn(STAR, centres=((160.0, 120.0),), angle=0.0, seed=7)
+    aslant = np.array([[1.0, 0.0, 0.0], [0.0, 0.97, 0.0], [2e-4, 4e-4, 1.0]])
+    image = cv2.warpPerspective(image, aslant, (320, 240), borderMode=cv2.BORDER_REPLICATE)
+    view = gt.first_look(image)[0].view
+    star = gt.Part.of(image, view, gt.synthesize(view, 2, top=1), name="star")
+    (one,) = gt.find(tray((STAR, 0.2, (300.0, 240.0))), star)
+    assert one.found and len(one.turns) == 4
+    np.testing.assert_allclose(sorted(one.turns), [-144.0, -72.0, 72.0, 144.0], atol=3.0)
 
 
 def test_a_neighbour_takes_the_room_of_the_fingers() -> None:

@@ -50,8 +50,7 @@ class PlanePose:
 
     def __init__(self, kind: int, target: Target, G: Floats, P: Floats, size: tuple[int, ...]) -> None:
         self.kind, self.P = kind, P
-        unit = 0.5 * max(size[:2])
-        to_unit = np.array([[1.0, 0.0, -0.5 * size[1]], [0.0, 1.0, -0.5 * size[0]], [0.0, 0.0, unit]])
+        to_unit = _to_unit(size)
         half, (x, y) = 0.5 * target.size, target.centre
         self._step = STEP * target.size
         ways = [G, *(target.handle.moved(G, d) for d in self._step * np.eye(8))]
@@ -121,6 +120,10 @@ class CommonPlane:
         left = P - gain @ by_pose @ P
         return np.asarray(-gain @ told), np.asarray(0.5 * (left + left.T))
 
+    def rectification(self, size: tuple[int, ...]) -> Floats:
+        """(3, 3) from px of the image, (height, width), to the plane, up to a similarity."""
+        return np.asarray(_rectifying(self._x[:4]) @ _to_unit(size))
+
     def leaning_probability(self, k: int) -> float:
         """Probability that a part does not lie in the plane of the others, as far as the image alone tells its pose."""
         pose = self._poses[k]
@@ -138,6 +141,11 @@ class CommonPlane:
         D = np.zeros((4, len(x)))
         D[:, :4], D[:, self._at[k]] = own[:, :4], own[:, 4:]
         return told, by_pose, np.asarray(D @ C @ D.T)
+
+
+def _to_unit(size: tuple[int, ...]) -> Floats:
+    """(3, 3) from px of an image, (height, width), to half its longer side about its middle."""
+    return np.array([[1.0, 0.0, -0.5 * size[1]], [0.0, 1.0, -0.5 * size[0]], [0.0, 0.0, 0.5 * max(size[:2])]])
 
 
 def _rectifying(x: Floats) -> Floats:

@@ -187,7 +187,7 @@ class Follower:
         shown = decision.code == "uncertain" and told and not state.lost and e is not None and not self._is_sudden(e)
         if not decision.is_accepted and not shown:
             self._look_if_gone(levels, predictions, solutions)
-            second = self.redetection.promising(levels, predictions.second)
+            second = self.redetection.samples.promising(levels[0], predictions.second)
             solutions.add(second + self.redetection.search_image(state, levels))
             decision = solutions.decide_among()
         elif decision.is_accepted and state.lost and departure_probability(expected.steps, target.numbers) > risk:

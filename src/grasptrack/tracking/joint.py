@@ -60,7 +60,7 @@ class _Member(NamedTuple):
 
     def is_shown(self, shift: Floats) -> bool:
         """Whether the image shows a part (2,) px beside the expected place."""
-        share, grey = self.follower.redetection.edge_share, self.sight.levels[0]
+        share, grey = self.follower.redetection.samples.edge_share, self.sight.levels[0]
         G = _shifted(self.way.G, shift)
         least = ALIKE_SHARE * self.follower.target.edge_share
         return share_in_view(G, self.follower.target.outline, grey) == 1.0 and share(grey, G) >= least

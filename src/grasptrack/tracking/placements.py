@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a look at the object shows its outline again, whole or cut by the border: a generalised Hough transform."""
+"""Where a look at the object shows its outline again, whole or in part: a generalised Hough transform, and a first score."""
 
 import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.tracking.pose import SAME_PLACE, Look, carried_in_front
-from grasptrack.tracking.target import Grey
+from grasptrack.tracking.pose import SAME_PLACE, Hypothesis, Look, PoseEstimate, carried_in_front, lead_alike, sane_area
+from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
 
 SIZE = 48.0
@@ -26,35 +27,119 @@ MOST_PLACEMENTS = 12
 """Of the most votes; each place and turn once."""
 APART = 4
 """Cells about a placement in which there is no other."""
+SCORE_SAMPLES, SIDE_REACH = 64, 3.0
+"""Samples of the outline for a first score, and px about each within which its own edge is looked for."""
+STRENGTH_KEPT = 0.25
+"""Share of its own strength that an edge keeps, blurred or in less light."""
+MIN_SEEN = 0.3
+"""Share of the outline that has an edge of its sign nearby for a pose to be solved. Grained ground offers chance edges for
+about as much, and of what shows less than that nothing is believed."""
+MAX_SOLVED = 2
+"""Poses that are solved of one search: they cost more than the search, and a better one will be found in the next turns."""
+MIN_REACH = 4.0
+"""px about the outline of a small object, within which edges count."""
 
 
-def find_placements(look: Look, plane: Floats, points: Floats, lighter: Floats) -> list[Floats]:
+class OutlineSamples:
+    """A few samples of an outline, with the strength of the edge that each has in an image, for votes and first scores.
+
+    Args:
+        target: the object.
+        grey: (H, W) in which it lies.
+        G: (3, 3) the pose at which it does, work px -> px.
+    """
+
+    def __init__(self, target: Target, grey: Grey, G: Floats) -> None:
+        every = max(1, len(target.points) // SCORE_SAMPLES)
+        self._target = target
+        self.points = np.ascontiguousarray(target.points[::every])
+        self._normals = np.ascontiguousarray(target.normals[::every])
+        at, normals = self._project(G)
+        strength = kernels.search_along_normals(grey, at, normals, SIDE_REACH, 0)[:, 1] if len(at) else np.zeros(0)
+        self._strength = np.asarray(strength, dtype=np.float64)
+
+    @property
+    def lighter_sides(self) -> tuple[Floats, Floats]:
+        """(n, 2) work px of the samples that have an edge, and (n, 2) unit normals there towards the lighter side."""
+        told = self._strength != 0.0
+        return self.points[told], self._normals[told] * np.sign(self._strength[told])[:, None]
+
+    def edge_share(self, grey: Grey, G: Floats, *, turned: bool = False) -> float:
+        """Share of the outline at a pose (3, 3) that has an edge of its sign nearby in an image (H, W), quickly.
+
+        With `turned` the share that has one of the other sign.
+        """
+        area = sane_area(self._target, G)
+        if not len(self.points) or not area:
+            return 0.0
+        at, normals = self._project(G)
+        reach = max(MIN_REACH, self._target.numbers.wide * math.sqrt(area))
+        hits = 0
+        for sign in (1, -1):
+            own = self._strength * sign > 0.0
+            if own.any():
+                asked = -sign if turned else sign
+                edges = kernels.search_along_normals(grey, at[own], normals[own], reach, asked)[:, 1]
+                hits += int(np.count_nonzero(np.abs(edges) >= STRENGTH_KEPT * np.abs(self._strength[own])))
+        return hits / len(self.points)
+
+    def promising(
+        self,
+        grey: Grey,
+        hypotheses: list[Hypothesis],
+        most: int = MAX_SOLVED,
+        known: Sequence[Hypothesis | PoseEstimate] = (),
+    ) -> list[Hypothesis]:
+        """Those that are worth solving: of what shows enough of the outline the best, each place once, but none known."""
+        rated = sorted(((-self.edge_share(grey, h.G), i) for i, h in enumerate(hypotheses)))
+        kept: list[Hypothesis] = []
+        for score, i in rated:
+            one = hypotheses[i]
+            if (
+                -score >= MIN_SEEN
+                and len(kept) < most
+                and not any(lead_alike(self._target, one, other) for other in [*known, *kept])
+            ):
+                kept.append(one)
+        return kept
+
+    def _project(self, G: Floats) -> tuple[Floats, Floats]:
+        """(n, 2) px places and (n, 2) unit normals of the samples at a pose."""
+        rows = kernels.carry_normals(np.ascontiguousarray(G), self.points, self._normals)
+        return np.ascontiguousarray(rows[:, :2]), np.ascontiguousarray(rows[:, 2:4])
+
+
+def find_placements(
+    look: Look, plane: Floats, samples: OutlineSamples, known: Sequence[Floats] = (), *, farthest: float = FARTHEST
+) -> list[Floats]:
     """Poses (3, 3) at which a look may show another object of the same outline that lies in the same plane, in any turn.
 
-    Each edge votes for the turns and places in which it is that of a sample, by its direction (Ballard 1981). What is cut by
-    the border gets the votes of what is seen of it.
+    Each edge votes for the turns and places in which it is that of a sample, by its direction (Ballard 1981). What is covered,
+    or cut by the border, gets the votes of what is seen of it.
 
     Args:
         look: at the object.
         plane: (3, 3) from work px to the object's plane, as far as that is known.
-        points: (n, 2) work px, samples of its outline.
-        lighter: (n, 2) unit work px, the normals there towards the lighter side.
+        samples: of its outline.
+        known: (2,) px each, middles of what else is known to lie in the image.
+        farthest: sizes of the object within which others are looked for.
     """
-    rows = kernels.carry_normals(plane, points, lighter)
+    points, lighter = samples.lighter_sides
+    rows = kernels.carry_normals(np.ascontiguousarray(plane), points, lighter)
     rows = rows[np.isfinite(rows).all(axis=1)]
     if not len(rows):
         return []
-    samples, middle = rows[:, :2], rows[:, :2].mean(axis=0)
-    size = math.sqrt(float(np.prod(np.ptp(samples, axis=0))))
+    laid, middle = rows[:, :2], rows[:, :2].mean(axis=0)
+    size = math.sqrt(float(np.prod(np.ptp(laid, axis=0))))
     view = look.G @ np.linalg.inv(plane)
-    places, brighter = _edges_in_plane(look.levels, np.asarray(view / view[2, 2]), samples)
-    near = np.abs(places - middle).max(axis=1, initial=0.0) < FARTHEST * size
+    places, brighter = _edges_in_plane(look.levels, np.asarray(view / view[2, 2]), laid)
+    near = np.abs(places - middle).max(axis=1, initial=0.0) < farthest * size
     places, brighter = places[near], brighter[near]
     if not len(places):
         return []
     turn = np.arctan2(brighter[:, 1], brighter[:, 0])[:, None] - np.arctan2(rows[:, 3], rows[:, 2])
     c, s = np.cos(turn), np.sin(turn)
-    u, v = (samples - middle).T
+    u, v = (laid - middle).T
     x, y = places[:, :1] - (c * u - s * v), places[:, 1:] - (s * u + c * v)
     low, cell = places.min(axis=0), size / CELLS
     width, height = (int(side) + 1 for side in np.ptp(places, axis=0) / cell)
@@ -67,8 +152,10 @@ def find_placements(look: Look, plane: Floats, points: Floats, lighter: Floats) 
     for each in votes:
         cv2.blur(each, (3, 3), each)
     most = votes.max(axis=0)
-    own = ((middle - low) / cell).astype(int)
-    _clear_about(votes, most, (0, int(own[1]), int(own[0])), int(SAME_PLACE * CELLS), TURNS)
+    others = carried_in_front(np.asarray(np.linalg.inv(view), np.float64), np.array(known).reshape(-1, 2))
+    for own in [middle, *others[np.isfinite(others).all(axis=1)]]:
+        column, row = ((own - low) / cell).astype(int).tolist()
+        _clear_about(votes, most, (0, row, column), int(SAME_PLACE * CELLS), TURNS)
     found: list[Floats] = []
     for _ in range(MOST_PLACEMENTS):
         j0, i0 = (int(each) for each in np.unravel_index(most.argmax(), most.shape))

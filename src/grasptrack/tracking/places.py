@@ -145,7 +145,7 @@ def overlap_areas(one: View, other: View) -> tuple[int, int, int]:
         return 0, 0, 0
     low, high = np.array([min(left, x), min(top, y)]), np.array([max(right, u), max(bottom, v)])
     scale = OVERLAP_SIDE / max(1.0, float((high - low).max()))
-    masks = [_material_mask(view, (OVERLAP_SIDE + 1, OVERLAP_SIDE + 1), scale, low) for view in (one, other)]
+    masks = [material_mask(view, (OVERLAP_SIDE + 1, OVERLAP_SIDE + 1), scale, low) for view in (one, other)]
     return (
         int(np.count_nonzero(masks[0] & masks[1])),
         int(np.count_nonzero(masks[0])),
@@ -153,7 +153,7 @@ def overlap_areas(one: View, other: View) -> tuple[int, int, int]:
     )
 
 
-def _material_mask(view: View, shape: tuple[int, ...], scale: float = 1.0, low: Floats | float = 0.0) -> Grey:
+def material_mask(view: View, shape: tuple[int, ...], scale: float = 1.0, low: Floats | float = 0.0) -> Grey:
     """(H, W) 255 on the material of an outline."""
     mask: Grey = np.zeros(shape[:2], np.uint8)
     rings = [np.rint((c.points - low) * scale).astype(np.int32) for c in view.contours]

@@ -16,8 +16,8 @@ from grasptrack.segmentation.candidate import Candidate, outward_normals, polari
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import Silhouette
 from grasptrack.tracking.evidence import pose_evidence, wrong_object_probability
-from grasptrack.tracking.placements import find_placements
-from grasptrack.tracking.pose import CONTINUOUS, TURNED, Hypothesis, Look, PoseEstimate, lead_alike, sane_area
+from grasptrack.tracking.placements import SIDE_REACH, OutlineSamples, find_placements
+from grasptrack.tracking.pose import CONTINUOUS, TURNED, Hypothesis, Look, PoseEstimate
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import GUESSED_TILT, Grey, Target, as_grey
 from grasptrack.transfer.alignment import as_similarity, find_alignments
@@ -43,8 +43,6 @@ MAX_SHIFTS = 3
 """Places of the last look that are tried."""
 MIN_LIKENESS = 0.4
 """Correlation of a look at a place that is tried."""
-SIDE_REACH = 3.0
-"""px about the outline in the first image, where its edge is known to be."""
 MAX_UNLIKE = 0.35
 """Share of their norm by which whitened outlines differ that are of different objects, whatever the tilt."""
 WHITENED_SAMPLES, CHAIN_SAMPLES, WHITENED_APART = 64, 200, 0.1
@@ -58,17 +56,6 @@ KEYPOINT_SIZES = 31.0, 62.0
 hundred of them; and what is left for one that has become smaller, which takes four times as long."""
 FINE_TURNS = 8
 """One of so many images of a loss, and its second, is searched for a smaller one."""
-SCORE_SAMPLES = 64
-"""Samples of the outline for a first score."""
-STRENGTH_KEPT = 0.25
-"""Share of its strength in the first image that an edge keeps, blurred or in less light."""
-MIN_SEEN = 0.3
-"""Share of the outline that has an edge of its sign nearby for a pose to be solved. Grained ground offers chance edges for
-about as much, and of what shows less than that nothing is believed."""
-MIN_REACH = 4.0
-"""px about the outline of a small object, within which edges count."""
-MAX_SOLVED = 2
-"""Poses that are solved of one search: they cost more than the search, and a better one will be found in the next turns."""
 MAX_WAYS = 6
 """Poses that are solved for outlines: the ways in which one fits itself are rivals, and all have to be heard."""
 
@@ -293,12 +280,7 @@ class Redetection:
         self._target = target
         self._keypoints = Keypoints(target, levels)
         self._outlines = Outlines(target, levels[0], observer, hidden)
-        every = max(1, len(target.points) // SCORE_SAMPLES)
-        self._points = np.ascontiguousarray(target.points[::every])
-        self._normals = np.ascontiguousarray(target.normals[::every])
-        at, normals = self._project_samples(target.A)
-        strength = kernels.search_along_normals(levels[0], at, normals, SIDE_REACH, 0)[:, 1] if len(at) else np.zeros(0)
-        self._strength = np.asarray(strength, dtype=np.float64)
+        self.samples = OutlineSamples(target, levels[0], target.A)
 
     def search_image(self, state: TrackState, levels: list[Grey]) -> list[Hypothesis]:
         """Hypotheses that continuity did not give, worth solving, the most promising first.
@@ -308,7 +290,8 @@ class Redetection:
         may show outlines in every third.
         """
         target, turn, wide = self._target, state.lost, wide_prior(self._target)
-        found = self.promising(levels, self.matches_in(state.located, levels, turn, thorough=turn % 3 == 2), MAX_WAYS)
+        matches = self.matches_in(state.located, levels, turn, thorough=turn % 3 == 2)
+        found = self.samples.promising(levels[0], matches, MAX_WAYS)
         others = [] if state.sighted is None else [Hypothesis("sighted", state.sighted, wide)]
         if turn % 3 == 0:
             others += [Hypothesis("shifted", G, wide) for G in shifted_looks(target, state.located, levels)]
@@ -316,7 +299,7 @@ class Redetection:
             G = self._keypoints.find_pose(levels, fine=_is_fine_turn(turn))
             if G is not None:
                 others.append(Hypothesis("keypoints", G, wide))
-        return found + self.promising(levels, [h for h in others if not self._is_known(h, found)])
+        return found + self.samples.promising(levels[0], others, known=found)
 
     def matches_in(self, look: Look, levels: list[Grey], turn: int = 0, *, thorough: bool = True) -> list[Hypothesis]:
         """All ways in which the outline lies on those of an image, given the last look at the object: `Outlines.find_poses`."""
@@ -325,60 +308,20 @@ class Redetection:
 
     def find_lookalikes(self, state: TrackState, look: Look) -> list[Hypothesis]:
         """Where a look may show something just like the object, whole or in its plane; its own place may be among it."""
-        target, told = self._target, self._strength != 0.0
-        lighter = self._normals[told] * np.sign(self._strength[told])[:, None]
-        plane = np.ascontiguousarray(state.plane.rectifications.best @ target.A)
-        wide = wide_prior(target)
-        places = [Hypothesis("placed", G, wide) for G in find_placements(look, plane, self._points[told], lighter)]
+        plane, wide = state.plane.rectifications.best @ self._target.A, wide_prior(self._target)
+        places = [Hypothesis("placed", G, wide) for G in find_placements(look, plane, self.samples)]
         places += self.matches_in(look, look.levels)
-        return self.promising(look.levels, places, len(places))
-
-    def promising(self, levels: list[Grey], hypotheses: list[Hypothesis], most: int = MAX_SOLVED) -> list[Hypothesis]:
-        """Those that are worth solving: of what shows enough of the outline the best, each place once."""
-        rated = sorted(((-self.edge_share(levels[0], h.G), i) for i, h in enumerate(hypotheses)))
-        kept: list[Hypothesis] = []
-        for score, i in rated:
-            if -score >= MIN_SEEN and len(kept) < most and not self._is_known(hypotheses[i], kept):
-                kept.append(hypotheses[i])
-        return kept
+        return self.samples.promising(look.levels[0], places, len(places))
 
     def worth_solving(self, levels: list[Grey], hypotheses: list[Hypothesis]) -> list[Hypothesis]:
         """Of hypotheses of continuity after a loss those that are worth solving, and the first in any case."""
-        return self.promising(levels, hypotheses) or hypotheses[:1]
+        return self.samples.promising(levels[0], hypotheses) or hypotheses[:1]
 
     def find_ground(self, state: TrackState, levels: list[Grey]) -> Floats | None:
         """(3, 3) where what lies as it lay in the last look has the object, by keypoints; None in images that get no search."""
         if not _is_turn_of_keypoints(state.lost):
             return None
         return self._keypoints.find_ground(state.located, levels, fine=_is_fine_turn(state.lost))
-
-    def edge_share(self, grey: Grey, G: Floats, *, turned: bool = False) -> float:
-        """Share of the outline at a pose (3, 3) that has an edge of its sign nearby in an image (H, W), quickly.
-
-        With `turned` the share that has one of the other sign.
-        """
-        area = sane_area(self._target, G)
-        if not len(self._points) or not area:
-            return 0.0
-        at, normals = self._project_samples(G)
-        reach = max(MIN_REACH, self._target.numbers.wide * math.sqrt(area))
-        hits = 0
-        for sign in (1, -1):
-            own = self._strength * sign > 0.0
-            if own.any():
-                asked = -sign if turned else sign
-                edges = kernels.search_along_normals(grey, at[own], normals[own], reach, asked)[:, 1]
-                hits += int(np.count_nonzero(np.abs(edges) >= STRENGTH_KEPT * np.abs(self._strength[own])))
-        return hits / len(self._points)
-
-    def _project_samples(self, G: Floats) -> tuple[Floats, Floats]:
-        """(n, 2) px places and (n, 2) unit normals of the samples at a pose."""
-        rows = kernels.carry_normals(np.ascontiguousarray(G), self._points, self._normals)
-        return np.ascontiguousarray(rows[:, :2]), np.ascontiguousarray(rows[:, 2:4])
-
-    def _is_known(self, hypothesis: Hypothesis, others: list[Hypothesis]) -> bool:
-        """Whether a hypothesis leads to the same pose as another."""
-        return any(lead_alike(self._target, hypothesis, other) for other in others)
 
 
 def _is_turn_of_keypoints(lost: int) -> bool:

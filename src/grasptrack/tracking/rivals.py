@@ -11,6 +11,7 @@ from grasptrack.tracking.equals import SHOWN_RIGHT, Shows, Way, alias_probabilit
 from grasptrack.tracking.estimator import estimate_pose
 from grasptrack.tracking.evidence import MAX_EXPONENT, pose_evidence, wrong_object_probability
 from grasptrack.tracking.hypotheses import Predictions, located_ground
+from grasptrack.tracking.placements import SCORE_SAMPLES
 from grasptrack.tracking.pose import (
     CONTINUOUS,
     TRIED,
@@ -23,7 +24,7 @@ from grasptrack.tracking.pose import (
     mean_point,
     share_in_view,
 )
-from grasptrack.tracking.redetection import SCORE_SAMPLES, Redetection
+from grasptrack.tracking.redetection import Redetection
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
@@ -116,7 +117,7 @@ class Rivals:
             return decision
         if not is_at(e, mean_point(self.state.target.carried_contacts(ground))):
             return decision
-        share, look = self.redetection.edge_share, state.located
+        share, look = self.redetection.samples.edge_share, state.located
         same, before = share(levels[0], e.G), share(look.levels[0], look.G)
         other = share(levels[0], e.G, turned=True) - share(look.levels[0], look.G, turned=True)
         turned = SCORE_SAMPLES * max(0.0, min(other, before - same))  # grained ground has edges of either sign
@@ -190,7 +191,10 @@ class Rivals:
 
     def _parts_shown(self, grey: Grey, own: Floats) -> Shows:
         """Whether an image that shows the object at a pose shows a part at another one."""
-        enough, share = ALIKE_SHARE * self.redetection.edge_share(grey, own), self.redetection.edge_share
+        enough, share = (
+            ALIKE_SHARE * self.redetection.samples.edge_share(grey, own),
+            self.redetection.samples.edge_share,
+        )
         return lambda G: share(grey, G) >= enough
 
 

@@ -25,10 +25,11 @@ from grasptrack.images import PLAIN, Grey, to_bgr
 from grasptrack.segmentation.candidate import best_color_projection
 from grasptrack.tracking.answer import Moment, Track, first_result, judge_moved, make_closure_check
 from grasptrack.tracking.camera import Beforehand
+from grasptrack.tracking.claims import LEAST_OVERLAP
 from grasptrack.tracking.decision import SEEN_LIKE, any_of, place_prior
 from grasptrack.tracking.evidence import MAX_EXPONENT
 from grasptrack.tracking.follower import Follower, Sight
-from grasptrack.tracking.instances import LEAST_OVERLAP, Instance, find
+from grasptrack.tracking.instances import Instance, find
 from grasptrack.tracking.joint import alias_probabilities
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.parts import KnownPart, as_parts
