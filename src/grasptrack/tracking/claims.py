@@ -95,7 +95,7 @@ def sides_of(part: KnownPart, risk: float) -> list[PartSide]:
     return [own] if flat else [own, other]
 
 
-class Search(NamedTuple):
+class PartSearch(NamedTuple):
     """Where parts are looked for.
 
     Attributes:
@@ -110,11 +110,11 @@ class Search(NamedTuple):
     voted: set[PartSide]
     pool: ThreadPoolExecutor
 
-    def common_plane(self, claims: list[Claim]) -> CommonPlane:
+    def common_plane(self, claims: list[PartClaim]) -> CommonPlane:
         """The plane that most of some parts lie in."""
         return CommonPlane([self.plane_pose(c, c.own, claims) for c in claims])
 
-    def plane_pose(self, claim: Claim, estimate: PoseEstimate, claims: list[Claim]) -> PlanePose:
+    def plane_pose(self, claim: PartClaim, estimate: PoseEstimate, claims: list[PartClaim]) -> PlanePose:
         """A pose of one of some claims for that plane."""
         kinds, size = list(dict.fromkeys(c.kind for c in claims)), self.scene.colours.shape
         return PlanePose(kinds.index(claim.kind), claim.state.target, estimate.G, estimate.P, size)
@@ -123,7 +123,7 @@ class Search(NamedTuple):
 # --- what may explain a place ------------------------------------------------------------------------
 
 
-class Claim:
+class PartClaim:
     """A part that may lie somewhere, as exactly as the image tells, and what is decided of that."""
 
     def __init__(self, kind: PartSide, channel: Channel, state: TrackState, tried: list[PoseEstimate]) -> None:
@@ -143,24 +143,24 @@ class Claim:
         """Whether the image alone does not tell its contacts as exactly as is asked for, and nobody has asked the others."""
         return self.own is self.estimate and self.decision.sigma > largest_sigma(self.own.area, self.state.numbers)
 
-    def settled_in_plane(self, alone: Claim, leaning: float) -> Claim:
+    def settled_in_plane(self, alone: PartClaim, leaning: float) -> PartClaim:
         """The same, where it was another claim as the image alone tells it, and leans with a probability."""
         self.own, self.tried, self.rival_evidence = alone.own, alone.tried, alone.rival_evidence
         self.decision = self.decision.with_alias(leaning, "uncertain")
         self.code = self.decision.code
         return self
 
-    def settled_beside(self, alone: Claim) -> Claim:
+    def settled_beside(self, alone: PartClaim) -> PartClaim:
         """The same, where it was another claim as long as nothing was hidden: its rival had as much less evidence as it had."""
         self.rival_evidence = self.evidence - (alone.evidence - alone.rival_evidence)
         return self
 
-    def shares_place(self, other: Claim) -> bool:
+    def shares_place(self, other: PartClaim) -> bool:
         """Whether both lie in one place."""
         return overlap_share(self.view, other.view) > LEAST_OVERLAP
 
 
-def claims_of(kinds: list[PartSide], places: list[Spot], ways: Ways, search: Search) -> list[Claim]:
+def claims_of(kinds: list[PartSide], places: list[Spot], ways: Ways, search: PartSearch) -> list[PartClaim]:
     """What the kinds may explain of regions of the image: each place once by each, by the estimates that lie there."""
     laid: dict[tuple[PartSide, Channel], list[Floats]] = {}
     for place, found in zip(places, search.pool.map(partial(ways, kinds), places), strict=True):
@@ -177,7 +177,7 @@ def claims_of(kinds: list[PartSide], places: list[Spot], ways: Ways, search: Sea
     return _claims_at([(*asked, each) for asked, found in told for each in found], search)
 
 
-def _claims_at(begun: list[tuple[PartSide, Channel, Hypothesis]], search: Search) -> list[Claim]:
+def _claims_at(begun: list[tuple[PartSide, Channel, Hypothesis]], search: PartSearch) -> list[PartClaim]:
     """What hypotheses become that are made exact, those of one side in one place together."""
 
     def solve_one(kind: PartSide, channel: Channel, hypothesis: Hypothesis) -> PoseEstimate | None:
@@ -188,7 +188,7 @@ def _claims_at(begun: list[tuple[PartSide, Channel, Hypothesis]], search: Search
         if e is not None and SMALLEST**2 <= e.area / kind.state_in(channel).target.area <= LARGEST**2:
             estimates[kind, channel].append(e)
     return [
-        Claim(kind, channel, kind.state_in(channel), alike)
+        PartClaim(kind, channel, kind.state_in(channel), alike)
         for (kind, channel), found in estimates.items()
         for alike in _by_place(kind.state_in(channel), found)
     ]
@@ -261,7 +261,7 @@ def _decide_among(
     return decision, tuple(turns)
 
 
-def claims_in_plane(settled: list[Claim], doubted: list[Claim], search: Search) -> list[Claim]:
+def claims_in_plane(settled: list[PartClaim], doubted: list[PartClaim], search: PartSearch) -> list[PartClaim]:
     """What is doubted, that of it whose outline leaves its pose too open once more: as the plane of the others lets it be."""
     claims = [*settled, *doubted]
     vague = [k for k, c in enumerate(claims) if k >= len(settled) and c.is_vague]
@@ -269,7 +269,7 @@ def claims_in_plane(settled: list[Claim], doubted: list[Claim], search: Search) 
         return doubted
     plane = search.common_plane(claims)
 
-    def solve_again(k: int) -> Claim:
+    def solve_again(k: int) -> PartClaim:
         claim, found = claims[k], list[PoseEstimate]()
         state, levels = claim.state, search.scene.levels_in(claim.channel)
         for e in claim.tried:
@@ -284,20 +284,20 @@ def claims_in_plane(settled: list[Claim], doubted: list[Claim], search: Search) 
             found += [] if solved is None else [solved]
         if not found:
             return claim
-        again = Claim(claim.kind, claim.channel, state, found)
+        again = PartClaim(claim.kind, claim.channel, state, found)
         return again.settled_in_plane(claim, plane.leaning_probability(k))
 
     again = dict(zip(vague, search.pool.map(solve_again, vague), strict=True))
     return [again.get(k, claims[k]) for k in range(len(settled), len(claims))]
 
 
-def claims_by_votes(settled: list[Claim], doubted: list[Claim], search: Search) -> list[Claim]:
+def claims_by_votes(settled: list[PartClaim], doubted: list[PartClaim], search: PartSearch) -> list[PartClaim]:
     """What is doubted, and what else may lie in the plane of all that, by the edges that vote for an outline of that size.
 
     Each side of a part of which something is known votes once, where a region is left that may be most of one.
     """
     claims = [*settled, *doubted]
-    asked: list[tuple[PartSide, Claim]] = []
+    asked: list[tuple[PartSide, PartClaim]] = []
     for kind in dict.fromkeys(c.kind for c in claims):
         own = next((c for c in settled if c.kind is kind), None) or max(
             (c for c in doubted if c.kind is kind), key=lambda c: c.evidence
@@ -311,7 +311,7 @@ def claims_by_votes(settled: list[Claim], doubted: list[Claim], search: Search) 
     plane = search.common_plane(claims).rectification(search.scene.colours.shape)
     middles = [c.view.outer.points.mean(axis=0) for c in settled]
 
-    def vote(kind: PartSide, own: Claim) -> list[tuple[PartSide, Channel, Hypothesis]]:
+    def vote(kind: PartSide, own: PartClaim) -> list[tuple[PartSide, Channel, Hypothesis]]:
         target, look = own.state.target, Look(search.scene.levels_in(own.channel), own.estimate.G)
         samples = OutlineSamples(target, look.levels[0], look.G)
         found = [
@@ -325,10 +325,10 @@ def claims_by_votes(settled: list[Claim], doubted: list[Claim], search: Search) 
     return [*doubted, *_claims_at(list(chain.from_iterable(told)), search)]
 
 
-def claims_beside(settled: list[Claim], doubted: list[Claim], search: Search) -> list[Claim]:
+def claims_beside(settled: list[PartClaim], doubted: list[PartClaim], search: PartSearch) -> list[PartClaim]:
     """What is doubted, once more: where others lie, the image shows nothing of it."""
 
-    def judge_again(claim: Claim) -> Claim:
+    def judge_again(claim: PartClaim) -> PartClaim:
         others = [c for c in [*settled, *doubted] if c is not claim and not c.shares_place(claim)]
         others = [c for c in others if overlap_areas(c.view, claim.view)[0]]
         if not others:
@@ -341,6 +341,6 @@ def claims_beside(settled: list[Claim], doubted: list[Claim], search: Search) ->
         begun = [Hypothesis(e.origin, e.G, target.noise_of_guess) for e in claim.tried]
         found = [single_estimate(state, search.scene.levels_in(claim.channel), each) for each in begun]
         seen = [e for e in found if e is not None]
-        return Claim(claim.kind, claim.channel, state, seen).settled_beside(claim) if seen else claim
+        return PartClaim(claim.kind, claim.channel, state, seen).settled_beside(claim) if seen else claim
 
     return list(search.pool.map(judge_again, doubted))

@@ -34,9 +34,9 @@ from grasptrack.segmentation.candidate import is_same_region
 from grasptrack.tracking.claims import (
     LEAST_OVERLAP,
     SMALLEST,
-    Claim,
+    PartClaim,
+    PartSearch,
     PartSide,
-    Search,
     Ways,
     claims_beside,
     claims_by_votes,
@@ -146,7 +146,7 @@ def find(
     said = FirstImage.of(ignore=ignore).within(colours.shape)
     numbers = NUMBERS.with_risk(risk)
     scene = ImagePyramids(colours)
-    settled, doubted, new = list[Claim](), list[Claim](), list[Claim]()
+    settled, doubted, new = list[PartClaim](), list[PartClaim](), list[PartClaim]()
     tried: dict[Ways, list[View]] = {ways_onto_whole: [], ways_onto_part: []}
 
     def two_sides(part: KnownPart) -> list[PartSide]:
@@ -155,7 +155,7 @@ def find(
     with ThreadPoolExecutor(CORES) as pool:
         kinds = list(chain.from_iterable(pool.map(two_sides, as_parts(parts))))
         regions = PlaceSearch(colours, said, SMALLEST * min(kind.outline.size for kind in kinds))
-        search = Search(scene, regions.find_spots(), set(), pool)
+        search = PartSearch(scene, regions.find_spots(), set(), pool)
         while True:
             new = []
             for ways, before in tried.items():
@@ -184,7 +184,7 @@ def find(
     )
 
 
-def _instance_of(claim: Claim, others: list[View]) -> Instance:
+def _instance_of(claim: PartClaim, others: list[View]) -> Instance:
     """A claim as it is told, beside other outlines of the image."""
     kind, estimate, believed = claim.kind, claim.estimate, claim.code in ("", TURNED_OVER)
     return Instance(
@@ -208,10 +208,12 @@ def _instance_of(claim: Claim, others: list[View]) -> Instance:
 # --- which of them is believed ---------------------------------------------------------------------
 
 
-def _settle_claims(claims: list[Claim], known: list[Claim], risk: float) -> tuple[list[Claim], list[Claim]]:
+def _settle_claims(
+    claims: list[PartClaim], known: list[PartClaim], risk: float
+) -> tuple[list[PartClaim], list[PartClaim]]:
     """Those claims that are believed, each place once, and for each other place the best of those that are not."""
-    settled: list[Claim] = []
-    refused: list[Claim] = []
+    settled: list[PartClaim] = []
+    refused: list[PartClaim] = []
     left = [c for c in sorted(claims, key=lambda c: -c.evidence) if not any(c.shares_place(k) for k in known)]
     while left:
         best, left = left[0], left[1:]
