@@ -31,11 +31,16 @@ from grasptrack.tracking.estimator import estimate_pose, first_state
 from grasptrack.tracking.evidence import pose_evidence, texture_evidence
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.parts import KnownPart
-from grasptrack.tracking.placements import SCORE_SAMPLES, OutlineSamples, find_placements
+from grasptrack.tracking.placements import (
+    MOST_PLACEMENTS,
+    SCORE_SAMPLES,
+    OutlineSamples,
+    edges_in_plane,
+    find_placements,
+)
 from grasptrack.tracking.places import ImagePyramids, Spot, carried_view, material_mask, overlap_areas, overlap_share
 from grasptrack.tracking.pose import (
     Hypothesis,
-    Look,
     PoseEstimate,
     carried_in_front,
     contact_tolerance,
@@ -56,6 +61,8 @@ LEAST_SHARE, MOST_TOUCHING = 0.5, 4.0
 """Areas of parts within which a piece of an outline of the image is looked for: of a covered one, and of some that touch."""
 SMALLEST, LARGEST = 0.4, 2.5
 """Smallest and largest scale at which a part is looked for."""
+SCALE_STEP = 0.1
+"""Steps of the log of the scale in which an outline of unknown size is voted for."""
 
 
 class PartSide:
@@ -99,12 +106,14 @@ class PartSearch(NamedTuple):
     """Where parts are looked for.
 
     Attributes:
+        kinds: sides of the parts.
         scene: the image.
         places: its regions that nothing explains yet.
         voted: the sides of parts whose outline all edges have been asked for.
         pool: hypotheses are made exact in.
     """
 
+    kinds: list[PartSide]
     scene: ImagePyramids
     places: list[Spot]
     voted: set[PartSide]
@@ -160,11 +169,11 @@ class PartClaim:
         return overlap_share(self.view, other.view) > LEAST_OVERLAP
 
 
-def claims_of(kinds: list[PartSide], places: list[Spot], ways: Ways, search: PartSearch) -> list[PartClaim]:
-    """What the kinds may explain of regions of the image: each place once by each, by the estimates that lie there."""
+def claims_of(places: list[Spot], ways: Ways, search: PartSearch) -> list[PartClaim]:
+    """What parts may explain of regions of the image: each place once by each, by the estimates that lie there."""
     laid: dict[tuple[PartSide, Channel], list[Floats]] = {}
-    for place, found in zip(places, search.pool.map(partial(ways, kinds), places), strict=True):
-        for kind, homographies in zip(kinds, found, strict=True):
+    for place, found in zip(places, search.pool.map(partial(ways, search.kinds), places), strict=True):
+        for kind, homographies in zip(search.kinds, found, strict=True):
             if homographies:
                 laid.setdefault((kind, place.best_channel), []).extend(homographies)
                 search.scene.levels_in(place.best_channel)
@@ -292,36 +301,49 @@ def claims_in_plane(settled: list[PartClaim], doubted: list[PartClaim], search: 
 
 
 def claims_by_votes(settled: list[PartClaim], doubted: list[PartClaim], search: PartSearch) -> list[PartClaim]:
-    """What is doubted, and what else may lie in the plane of all that, by the edges that vote for an outline of that size.
+    """What is doubted, and what else may lie in the plane of all that, by the edges that vote for an outline.
 
-    Each side of a part of which something is known votes once, where a region is left that may be most of one.
+    Each side of a part votes once, where a region is left that may be most of one: for outlines of the size that one of it has
+    in the plane, or of any size where nothing of it is known.
     """
     claims = [*settled, *doubted]
-    asked: list[tuple[PartSide, PartClaim]] = []
-    for kind in dict.fromkeys(c.kind for c in claims):
-        own = next((c for c in settled if c.kind is kind), None) or max(
-            (c for c in doubted if c.kind is kind), key=lambda c: c.evidence
-        )
-        if kind not in search.voted and any(p.image_area >= LEAST_SHARE * own.estimate.area for p in search.places):
-            asked.append((kind, own))
-            search.scene.levels_in(own.channel)
+    if not claims:
+        return doubted
+    first, largest = claims[0], max((p.image_area for p in search.places), default=0.0) / LEAST_SHARE
+    known = {c.kind: c for c in sorted(claims, key=lambda c: (c in settled, c.evidence))}
+    asked = [
+        kind
+        for kind in search.kinds
+        if kind not in search.voted
+        and largest >= (known[kind].estimate.area if kind in known else SMALLEST**2 * kind.outline.size**2)
+    ]
     if not asked:
         return doubted
-    search.voted.update(kind for kind, _ in asked)
-    plane = search.common_plane(claims).rectification(search.scene.colours.shape)
-    middles = [c.view.outer.points.mean(axis=0) for c in settled]
+    search.voted.update(asked)
+    size = search.scene.colours.shape
+    R = search.common_plane(claims).rectification(size)
+    channel, levels = first.channel, search.scene.levels_in(first.channel)
+    own = carried_in_front(first.estimate.G, first.state.target.points)
+    edges = edges_in_plane(levels, np.asarray(np.linalg.inv(R)), own[np.isfinite(own).all(axis=1)])
+    middles = np.array([c.view.outer.points.mean(axis=0) for c in settled]).reshape(-1, 2)
 
-    def vote(kind: PartSide, own: PartClaim) -> list[tuple[PartSide, Channel, Hypothesis]]:
-        target, look = own.state.target, Look(search.scene.levels_in(own.channel), own.estimate.G)
+    def vote(kind: PartSide) -> list[tuple[PartSide, Channel, Hypothesis]]:
+        state, like = kind.state_in(channel), known.get(kind)
+        target, look = state.target, state.last
         samples = OutlineSamples(target, look.levels[0], look.G)
-        found = [
-            Hypothesis("placed", G, target.noise_of_guess)
-            for G in find_placements(look, plane @ look.G, samples, middles, farthest=math.inf)
-        ]
-        known = [c.estimate for c in claims if c.kind is kind]
-        return [(kind, own.channel, h) for h in samples.promising(look.levels[0], found, len(found), known)]
+        if like is not None:
+            poses = find_placements(edges, R @ like.estimate.G, samples, middles)
+        else:
+            unit = kind.outline.size / (0.5 * max(size[:2]) * target.size)
+            plane = np.array([[unit, 0.0, 0.0], [0.0, unit, 0.0], [0.0, 0.0, 1.0]])
+            scales = np.exp(np.arange(math.log(SMALLEST), math.log(LARGEST), SCALE_STEP))
+            scales = scales[scales * kind.outline.size <= math.sqrt(largest)]
+            poses = find_placements(edges, plane, samples, middles, scales=scales)
+        found = [Hypothesis("placed", G, target.noise_of_guess) for G in poses]
+        alike = [c.estimate for c in claims if c.kind is kind]
+        return [(kind, channel, h) for h in samples.promising(levels[0], found, MOST_PLACEMENTS, alike)]
 
-    told = search.pool.map(lambda each: vote(*each), asked)
+    told = search.pool.map(vote, asked)
     return [*doubted, *_claims_at(list(chain.from_iterable(told)), search)]
 
 

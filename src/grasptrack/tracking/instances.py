@@ -155,13 +155,13 @@ def find(
     with ThreadPoolExecutor(CORES) as pool:
         kinds = list(chain.from_iterable(pool.map(two_sides, as_parts(parts))))
         regions = PlaceSearch(colours, said, SMALLEST * min(kind.outline.size for kind in kinds))
-        search = PartSearch(scene, regions.find_spots(), set(), pool)
+        search = PartSearch(kinds, scene, regions.find_spots(), set(), pool)
         while True:
             new = []
             for ways, before in tried.items():
                 fresh = [p for p in search.places if not any(is_same_region(p.rough.view, view) for view in before)]
                 before += [p.rough.view for p in fresh]
-                new, refused = _settle_claims(claims_of(kinds, fresh, ways, search), settled, numbers.risk)
+                new, refused = _settle_claims(claims_of(fresh, ways, search), settled, numbers.risk)
                 doubted += refused
                 if new:
                     break

@@ -3,13 +3,14 @@
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.tracking.pose import SAME_PLACE, Hypothesis, Look, PoseEstimate, carried_in_front, lead_alike, sane_area
+from grasptrack.tracking.pose import SAME_PLACE, Hypothesis, PoseEstimate, carried_in_front, lead_alike, sane_area
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
 
@@ -18,9 +19,9 @@ SIZE = 48.0
 MOST_EDGES = 2000
 """Pixels of edges that vote, evenly drawn of all."""
 TURNS, CELLS = 90, 32
-"""Cells of the votes in a turn, and in the object's size."""
-FARTHEST = 5.0
-"""Sizes of the object within which others are looked for."""
+"""Cells of the votes in a turn, and in the object's size, ..."""
+MOST_CELLS, COARSER = 320, 2
+"""... but no more along an image; and how many are one while the size is looked for, too."""
 WEAKEST = 0.35
 """Strength of an edge that votes over the median of the object's own."""
 MOST_PLACEMENTS = 12
@@ -109,20 +110,41 @@ class OutlineSamples:
         return np.ascontiguousarray(rows[:, :2]), np.ascontiguousarray(rows[:, 2:4])
 
 
+class PlaneEdges(NamedTuple):
+    """Edges of an image in a plane.
+
+    Attributes:
+        view: (3, 3) from the plane to px.
+        places: (m, 2) in the plane.
+        brighter: (m, 2) the direction in which it gets lighter there.
+    """
+
+    view: Floats
+    places: Floats
+    brighter: Floats
+
+
 def find_placements(
-    look: Look, plane: Floats, samples: OutlineSamples, known: Sequence[Floats] = (), *, farthest: float = FARTHEST
+    edges: PlaneEdges,
+    plane: Floats,
+    samples: OutlineSamples,
+    known: Floats,
+    *,
+    scales: Floats | None = None,
+    farthest: float = math.inf,
 ) -> list[Floats]:
-    """Poses (3, 3) at which a look may show another object of the same outline that lies in the same plane, in any turn.
+    """Poses (3, 3) at which an outline may lie in a plane, in any turn.
 
     Each edge votes for the turns and places in which it is that of a sample, by its direction (Ballard 1981). What is covered,
     or cut by the border, gets the votes of what is seen of it.
 
     Args:
-        look: at the object.
-        plane: (3, 3) from work px to the object's plane, as far as that is known.
-        samples: of its outline.
-        known: (2,) px each, middles of what else is known to lie in the image.
-        farthest: sizes of the object within which others are looked for.
+        edges: of the image.
+        plane: (3, 3) from work px to the plane, as far as that is known.
+        samples: of the outline.
+        known: (n, 2) px, middles of what is known to lie in the image.
+        scales: (k,) by which it may be larger there, looked for by coarser cells; None where the plane tells its size.
+        farthest: sizes of the object, from the first of what is known, within which edges vote.
     """
     points, lighter = samples.lighter_sides
     rows = kernels.carry_normals(np.ascontiguousarray(plane), points, lighter)
@@ -130,44 +152,48 @@ def find_placements(
     if not len(rows):
         return []
     laid, middle = rows[:, :2], rows[:, :2].mean(axis=0)
-    size = math.sqrt(float(np.prod(np.ptp(laid, axis=0))))
-    view = look.G @ np.linalg.inv(plane)
-    places, brighter = _edges_in_plane(look.levels, np.asarray(view / view[2, 2]), laid)
-    near = np.abs(places - middle).max(axis=1, initial=0.0) < farthest * size
-    places, brighter = places[near], brighter[near]
+    own_size = math.sqrt(float(np.prod(np.ptp(laid, axis=0))))
+    places, brighter = edges.places, edges.brighter
+    others = carried_in_front(np.asarray(np.linalg.inv(edges.view), np.float64), known)
+    if math.isfinite(farthest):
+        near = np.abs(places - others[0]).max(axis=1, initial=0.0) < farthest * own_size
+        places, brighter = places[near], brighter[near]
     if not len(places):
         return []
+    others = others[np.isfinite(others).all(axis=1)]
     turn = np.arctan2(brighter[:, 1], brighter[:, 0])[:, None] - np.arctan2(rows[:, 3], rows[:, 2])
-    c, s = np.cos(turn), np.sin(turn)
-    u, v = (laid - middle).T
-    x, y = places[:, :1] - (c * u - s * v), places[:, 1:] - (s * u + c * v)
-    low, cell = places.min(axis=0), size / CELLS
-    width, height = (int(side) + 1 for side in np.ptp(places, axis=0) / cell)
-    i, j = np.floor((x - low[0]) / cell).astype(int), np.floor((y - low[1]) / cell).astype(int)
+    c, s, (u, v) = np.cos(turn), np.sin(turn), (laid - middle).T
+    aside, ahead = c * u - s * v, s * u + c * v
     k = np.round(turn * TURNS / (2.0 * math.pi)).astype(int) % TURNS
-    held = (i >= 0) & (j >= 0) & (i < width) & (j < height)
-    counts = np.bincount(((k * height + j) * width + i)[held], minlength=TURNS * height * width)
-    votes = counts.reshape(TURNS, height, width).astype(np.float32)
-    votes = votes + np.roll(votes, 1, axis=0) + np.roll(votes, -1, axis=0)
-    for each in votes:
-        cv2.blur(each, (3, 3), each)
-    most = votes.max(axis=0)
-    others = carried_in_front(np.asarray(np.linalg.inv(view), np.float64), np.array(known).reshape(-1, 2))
-    for own in [middle, *others[np.isfinite(others).all(axis=1)]]:
-        column, row = ((own - low) / cell).astype(int).tolist()
-        _clear_about(votes, most, (0, row, column), int(SAME_PLACE * CELLS), TURNS)
+    low, extent = places.min(axis=0), np.ptp(places, axis=0)
+    coarse = 1 if scales is None else COARSER
     found: list[Floats] = []
-    for _ in range(MOST_PLACEMENTS):
-        j0, i0 = (int(each) for each in np.unravel_index(most.argmax(), most.shape))
-        k0 = int(votes[:, j0, i0].argmax())
-        if not votes[k0, j0, i0] > 0.0:
-            break
-        angle, M = 2.0 * math.pi * k0 / TURNS, np.eye(3)
-        M[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
-        M[:2, 2] = low + (np.array([i0, j0]) + 0.5) * cell - M[:2, :2] @ middle
-        G = view @ M @ plane
-        found.append(np.asarray(G / G[2, 2], dtype=np.float64))
-        _clear_about(votes, most, (k0, j0, i0), APART, APART)
+    for scale in [1.0] if scales is None else scales.tolist():
+        size = scale * own_size
+        cell = coarse * max(size / CELLS, float(extent.max()) / MOST_CELLS)
+        width, height = (int(side) + 1 for side in extent / cell)
+        i = np.floor((places[:, :1] - low[0] - scale * aside) / cell).astype(int)
+        j = np.floor((places[:, 1:] - low[1] - scale * ahead) / cell).astype(int)
+        held = (i >= 0) & (j >= 0) & (i < width) & (j < height)
+        counts = np.bincount(((k * height + j) * width + i)[held], minlength=TURNS * height * width)
+        votes = counts.reshape(TURNS, height, width).astype(np.float32)
+        votes = votes + np.roll(votes, 1, axis=0) + np.roll(votes, -1, axis=0)
+        for each in votes:
+            cv2.blur(each, (3, 3), each)
+        most = votes.max(axis=0)
+        for column, row in ((others - low) / cell).astype(int).tolist():
+            _clear_about(votes, most, (0, row, column), int(SAME_PLACE * size / cell), TURNS)
+        for _ in range(MOST_PLACEMENTS):
+            j0, i0 = (int(each) for each in np.unravel_index(most.argmax(), most.shape))
+            k0 = int(votes[:, j0, i0].argmax())
+            if not votes[k0, j0, i0] > 0.0:
+                break
+            angle, M = 2.0 * math.pi * k0 / TURNS, np.eye(3)
+            M[:2, :2] = scale * np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+            M[:2, 2] = low + (np.array([i0, j0]) + 0.5) * cell - M[:2, :2] @ middle
+            G = edges.view @ M @ plane
+            found.append(np.asarray(G / G[2, 2], dtype=np.float64))
+            _clear_about(votes, most, (k0, j0, i0), APART // coarse, APART)
     return found
 
 
@@ -181,15 +207,15 @@ def _clear_about(
     most[rows, columns] = votes[:, rows, columns].max(axis=0)
 
 
-def _edges_in_plane(levels: list[Grey], view: Floats, samples: Floats) -> tuple[Floats, Floats]:
-    """(m, 2) places in the plane of edges about as strong as the object's own, and (m, 2) in which it gets lighter there.
+def edges_in_plane(levels: list[Grey], view: Floats, own: Floats) -> PlaneEdges:
+    """Edges of an image in a plane, about as strong as those of an outline.
 
     Args:
         levels: the image's pyramid.
-        view: (3, 3) from the plane to the image.
-        samples: (n, 2) of the object's outline in the plane.
+        view: (3, 3) from the plane to px.
+        own: (n, 2) px of that outline.
     """
-    own = carried_in_front(view, samples)
+    view = np.asarray(view / view[2, 2], dtype=np.float64)
     size = math.sqrt(float(np.prod(np.ptp(own, axis=0))))
     level = int(math.log2(max(1.0, size / SIZE))) if math.isfinite(size) else 0
     level = min(level, len(levels) - 1)
@@ -208,4 +234,4 @@ def _edges_in_plane(levels: list[Grey], view: Floats, samples: Floats) -> tuple[
     J = (view[None, :2, :2] - seen[:, :, None] * view[2, :2]) / depth
     brighter = np.einsum("mij,mi->mj", J, np.column_stack([dx[y, x], dy[y, x]]))
     good = np.isfinite(brighter).all(axis=1)
-    return places[good], np.asarray(brighter[good])
+    return PlaneEdges(view, places[good], np.asarray(brighter[good]))

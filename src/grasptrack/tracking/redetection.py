@@ -16,8 +16,8 @@ from grasptrack.segmentation.candidate import Candidate, outward_normals, polari
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import Silhouette
 from grasptrack.tracking.evidence import pose_evidence, wrong_object_probability
-from grasptrack.tracking.placements import SIDE_REACH, OutlineSamples, find_placements
-from grasptrack.tracking.pose import CONTINUOUS, TURNED, Hypothesis, Look, PoseEstimate
+from grasptrack.tracking.placements import SIDE_REACH, OutlineSamples, edges_in_plane, find_placements
+from grasptrack.tracking.pose import CONTINUOUS, TURNED, Hypothesis, Look, PoseEstimate, carried_in_front
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import GUESSED_TILT, Grey, Target, as_grey
 from grasptrack.transfer.alignment import as_similarity, find_alignments
@@ -58,6 +58,10 @@ FINE_TURNS = 8
 """One of so many images of a loss, and its second, is searched for a smaller one."""
 MAX_WAYS = 6
 """Poses that are solved for outlines: the ways in which one fits itself are rivals, and all have to be heard."""
+
+
+FARTHEST = 5.0
+"""Sizes of the object within which others just like it are looked for."""
 
 
 class _Keypoints(NamedTuple):
@@ -309,7 +313,11 @@ class Redetection:
     def find_lookalikes(self, state: TrackState, look: Look) -> list[Hypothesis]:
         """Where a look may show something just like the object, whole or in its plane; its own place may be among it."""
         plane, wide = state.plane.rectifications.best @ self._target.A, wide_prior(self._target)
-        places = [Hypothesis("placed", G, wide) for G in find_placements(look, plane, self.samples)]
+        own = carried_in_front(look.G, self.samples.points)
+        own = own[np.isfinite(own).all(axis=1)]
+        edges, known = edges_in_plane(look.levels, look.G @ np.linalg.inv(plane), own), own.mean(axis=0, keepdims=True)
+        found = find_placements(edges, plane, self.samples, known, farthest=FARTHEST)
+        places = [Hypothesis("placed", G, wide) for G in found]
         places += self.matches_in(look, look.levels)
         return self.samples.promising(look.levels[0], places, len(places))
 
