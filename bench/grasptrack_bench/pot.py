@@ -15,8 +15,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from grasptrack.documents import read_text
 from grasptrack.errors import InputError
+from grasptrack.files import read_text
 from grasptrack.io.sources import open_source
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.typing import Floats

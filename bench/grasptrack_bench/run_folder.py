@@ -20,9 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from grasptrack import kernels
-from grasptrack.documents import write_json
 from grasptrack.errors import InputError
-from grasptrack.files import hold_folder, prepare_folder
+from grasptrack.files import hold_folder, prepare_folder, write_json
 from grasptrack.io.results import software_versions
 from grasptrack.typing import Progress
 from grasptrack_bench.metrics.score import FrameScore

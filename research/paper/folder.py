@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from grasptrack import kernels
-from grasptrack.documents import write_json
 from grasptrack.errors import InputError
+from grasptrack.files import write_json
 from grasptrack.io.results import software_versions
 from grasptrack.typing import Floats
 from grasptrack.view.drawing import png_bytes

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from grasptrack.documents import write_json
+from grasptrack.files import write_json
 from grasptrack_bench.metrics.score import FrameScore
 from grasptrack_bench.records import read_records, write_records
 from grasptrack_bench.run_folder import CASES, FORMAT, INDEX, Case

@@ -26,7 +26,7 @@ import typer
 import grasptrack
 from grasptrack.io.bridges.modbus import ORDER_REGISTERS, STATE_REGISTERS
 from grasptrack.io.columns import COLUMNS, IN_JSON, result_schema
-from grasptrack.io.modbus import REGISTERS
+from grasptrack.io.peers import REGISTERS
 from grasptrack.io.publishing import DOES_NOT_FIT, FIXED_STATUS, MAY_CLOSE, SILENT, VERSION, fixed_line
 from grasptrack.presentation import REMEDIES
 from grasptrack.tracking.messages import SENTENCES

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.documents import LARGEST_BYTES, read_yaml
 from grasptrack.errors import InputError
+from grasptrack.files import LARGEST_BYTES, read_yaml
 from grasptrack.geometry.cameras import Camera
 from grasptrack.io.calibration import read_camera
 from grasptrack_bench.simulation.camera import Pinhole as Rendered

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack import Goal, InputError
-from grasptrack.documents import read_yaml
+from grasptrack.files import read_yaml
 from grasptrack.servo.camera import HandCamera, apply_twist, pose_of, rotation_matrix
 from grasptrack.servo.estimate import Estimate, Origin, Prior, refine_estimate
 from grasptrack.servo.hand_eye import HandEye

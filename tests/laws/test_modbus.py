@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from grasptrack.errors import InputError
 from grasptrack.io import publishing
-from grasptrack.io.modbus import REGISTERS, ModbusPeer
+from grasptrack.io.peers import REGISTERS, ModbusPeer
 from grasptrack.io.publishing import FIXED_STATUS, MODBUS, PublishAddress, ResultPublisher, parse_publish_address
 from test_live_frames import LOST, result_of
 from test_publishing import LOCAL, RESULT, Reader, frame_of, publish

@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack.io import publishing
+from grasptrack.io.peers import LONGEST_HEAD, WebSocketPeer, text_message
 from grasptrack.io.publishing import MOST_CLIENTS, WEBSOCKET, PublishAddress, ResultPublisher, parse_publish_address
-from grasptrack.io.websocket import LONGEST_HEAD, WebSocketPeer, text_message
 from test_publishing import PATIENCE, SCHEMA, publish
 
 ADDRESS = PublishAddress("127.0.0.1", 0, scheme=WEBSOCKET)

@@ -20,7 +20,7 @@ from grasptrack.first_image import FirstImage
 from grasptrack.io.base import Frame, Image
 from grasptrack.io.limits import HELD, limit_megapixels
 from grasptrack.live import commands as told
-from grasptrack.live import recorder
+from grasptrack.live import loop
 from grasptrack.live.inbox import FASTEST, SLOWEST, _PlaybackClock
 from grasptrack.live.session import GOAL, LiveSession
 from grasptrack.live.settings import Settings
@@ -308,7 +308,7 @@ def test_a_camera_is_tracked_on_where_a_recording_does_not_keep_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gated = Gated(tmp_path / "recording-001.mcap")
-    monkeypatch.setattr(recorder, "create_recording", lambda path, **_: gated)
+    monkeypatch.setattr(loop, "create_recording", lambda path, **_: gated)
     camera = FedCamera()
     with session_on(camera, tmp_path, at_once=True, record_as=".mcap") as session:
         camera.images.put(plate((160.0, 120.0)))
@@ -328,7 +328,7 @@ def test_a_camera_is_tracked_on_where_a_recording_does_not_keep_up(
 
 def test_a_file_waits_for_its_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gated = Gated(tmp_path / "run" / "recording-001.mcap")
-    monkeypatch.setattr(recorder, "create_recording", lambda path, **_: gated)
+    monkeypatch.setattr(loop, "create_recording", lambda path, **_: gated)
     with plate_session(tmp_path, HELD + 8, record_as=".mcap") as session:
         record_and_start(session)
         until(session, lambda s: s.image >= HELD)
@@ -344,7 +344,7 @@ def test_a_recording_that_finds_no_room_is_told_and_tracking_goes_on(
 ) -> None:
     gated = Gated(tmp_path / "run" / "recording-001.mcap", OSError(errno.ENOSPC, "No space left on device"))
     gated.gate.set()
-    monkeypatch.setattr(recorder, "create_recording", lambda path, **_: gated)
+    monkeypatch.setattr(loop, "create_recording", lambda path, **_: gated)
     with plate_session(tmp_path, 5, record_as=".mcap") as session:
         record_and_start(session)
         shown = until(session, lambda s: s.phase == "ended" and not s.recording)

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker, SourceError, open_source
-from grasptrack.io import live, streams
+from grasptrack.io import live
 from grasptrack.io.base import Frame
 from grasptrack.io.run import run_track
 from grasptrack.tracking.result import TrackResult
@@ -137,7 +137,7 @@ def test_wrong_addresses_are_one_line(
 
 
 def test_a_server_that_never_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(streams, "_OPENING", 0.4)
+    monkeypatch.setattr(live, "_OPENING", 0.4)
     with socket.socket() as deaf:
         deaf.bind(("127.0.0.1", 0))
         deaf.listen()

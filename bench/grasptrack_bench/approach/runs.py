@@ -16,8 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.documents import write_json
-from grasptrack.files import hold_folder, whole_file
+from grasptrack.files import hold_folder, whole_file, write_json
 from grasptrack.geometry.contours import View
 from grasptrack.io.results import software_versions
 from grasptrack.io.video import VideoWriter

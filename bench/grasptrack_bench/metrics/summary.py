@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from grasptrack.documents import write_json
+from grasptrack.files import write_json
 from grasptrack.typing import Floats
 from grasptrack_bench.metrics.integrity import PARTLY, Measures, compute_measures, risk_coverage
 from grasptrack_bench.metrics.score import FrameScore, Score

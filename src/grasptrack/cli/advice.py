@@ -78,7 +78,7 @@ def names_of_written(paths: Iterable[Path]) -> list[str]:
 def tell_of_picture(output: Path) -> None:
     """Add the candidates' picture, where it was drawn, to what run.json names."""
     if (output / PICTURE).exists():
-        from grasptrack.documents import write_json
+        from grasptrack.files import write_json
 
         told = json.loads((output / "run.json").read_bytes())
         write_json(output / "run.json", {**told, "files": [*told["files"], PICTURE]})

@@ -53,10 +53,9 @@ def find(
       grasptrack find tray.jpg --part shelf --output tray
       grasptrack find tray.jpg --part flange.part --part hook.part --risk 1e-5 --json
     """
-    from grasptrack.documents import write_json
-    from grasptrack.files import keep_inputs
+    from grasptrack.files import keep_inputs, write_json
     from grasptrack.first_image import FirstImage
-    from grasptrack.io.instances import instances_to_dict, write_instances_csv
+    from grasptrack.io.json_results import instances_to_dict, write_instances_csv
     from grasptrack.io.parts import load_parts, part_files
     from grasptrack.tracking.instances import find as find_instances
     from grasptrack.view.instances import write_instances

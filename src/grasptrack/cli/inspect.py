@@ -55,8 +55,7 @@ def inspect(
     scene = first.read_scene(image, "inspect takes one image", grasp.given_contacts())
     lens = scene.lens
 
-    from grasptrack.documents import write_json
-    from grasptrack.files import keep_inputs
+    from grasptrack.files import keep_inputs, write_json
     from grasptrack.io.json_results import inspection_to_dict
     from grasptrack.trackability import inspect as look
     from grasptrack.trackability.result import as_seen

@@ -62,8 +62,7 @@ def synthesize(
     size, scale = hand.make_hand(), hand.scale
     scene = first.read_scene(image, "synthesize takes one image")
 
-    from grasptrack.documents import write_json
-    from grasptrack.files import keep_inputs
+    from grasptrack.files import keep_inputs, write_json
     from grasptrack.io.json_results import grasps_to_dict
     from grasptrack.view.grasps import write_grasps
 

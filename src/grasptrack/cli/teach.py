@@ -123,9 +123,8 @@ def parts(
       grasptrack parts shelf
       grasptrack parts flange.part --output pictures
     """
-    from grasptrack.documents import write_json
-    from grasptrack.files import keep_inputs
-    from grasptrack.io.instances import parts_to_dict
+    from grasptrack.files import keep_inputs, write_json
+    from grasptrack.io.json_results import parts_to_dict
     from grasptrack.io.parts import load_parts, part_files
     from grasptrack.view.instances import write_parts
 

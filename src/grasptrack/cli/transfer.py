@@ -174,7 +174,7 @@ def _write_files(
     asked: dict[str, Any],
 ) -> list[Path]:
     """transfer.json, and transfer.png where the object was found; an older picture goes."""
-    from grasptrack.documents import write_json
+    from grasptrack.files import write_json
     from grasptrack.io.json_results import transfer_to_dict
     from grasptrack.view.pair import write_pair
 

@@ -11,8 +11,8 @@ from typing import Any
 import cv2
 
 from grasptrack import arguments
-from grasptrack.documents import read_keys, read_text
 from grasptrack.errors import InputError
+from grasptrack.files import read_keys, read_text
 from grasptrack.geometry.cameras import Camera, Model
 
 _MATRIX = ("camera_matrix", "k", "mtx", "intrinsic_matrix", "intrinsics", "camera")

@@ -23,8 +23,8 @@ import cv2
 import numpy as np
 
 from grasptrack import arguments
-from grasptrack.documents import read_bytes, read_json, write_file
 from grasptrack.errors import GraspTrackError, InputError
+from grasptrack.files import read_bytes, read_json, write_file
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.io.headers import image_size_in_header, is_whole_image

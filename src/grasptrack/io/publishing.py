@@ -20,9 +20,8 @@ from urllib.parse import parse_qsl, urlsplit
 from grasptrack.errors import InputError
 from grasptrack.io.base import Frame
 from grasptrack.io.columns import IN_JSON, result_fields
-from grasptrack.io.modbus import FARTHEST, ModbusPeer, pack_registers
+from grasptrack.io.peers import FARTHEST, ModbusPeer, WebSocketPeer, pack_registers, text_message
 from grasptrack.io.recording import json_line
-from grasptrack.io.websocket import WebSocketPeer, text_message
 from grasptrack.tracking.result import TrackResult
 
 VERSION = 1

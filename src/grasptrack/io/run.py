@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 from grasptrack import kernels
-from grasptrack.documents import write_json
 from grasptrack.errors import InputError
-from grasptrack.files import hold_folder, keep_inputs, prepare_folder, written_before
+from grasptrack.files import hold_folder, keep_inputs, prepare_folder, write_json, written_before
 from grasptrack.geometry.contours import View
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.columns import UNITS

@@ -22,8 +22,8 @@ from grasptrack.io.images import (
     is_image_file,
     read_file,
 )
+from grasptrack.io.live import SCHEMES, open_stream
 from grasptrack.io.piped import open_piped
-from grasptrack.io.streams import SCHEMES, open_stream
 from grasptrack.io.video import VideoSource
 from grasptrack.plugins import is_installed, load_plugin, plugin_names
 

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack import arguments
-from grasptrack.documents import read_json, read_text, write_file
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
+from grasptrack.files import read_json, read_text, write_file
 from grasptrack.servo.camera import HandCamera, align_rigid
 from grasptrack.servo.features import MIN_DISTANCE_PX, rms_diameter
 from grasptrack.tracking.result import TrackResult

@@ -14,9 +14,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from grasptrack import arguments
-from grasptrack.documents import read_keys, read_text, write_file
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
+from grasptrack.files import read_keys, read_text, write_file
 from grasptrack.presentation import to_dict
 from grasptrack.servo.camera import NominalCamera, check_pose, pose_of, quaternion_of, rotation_of, rotation_vector
 from grasptrack.servo.estimate import Estimate

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from grasptrack import arguments
-from grasptrack.documents import read_text, read_toml
 from grasptrack.errors import InputError
+from grasptrack.files import read_text, read_toml
 from grasptrack.servo.closing import Closing
 from grasptrack.servo.controller import GraspServo
 from grasptrack.servo.goal import Goal

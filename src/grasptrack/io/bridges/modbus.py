@@ -17,7 +17,7 @@ from grasptrack.errors import InputError
 from grasptrack.io.arms import REMEMBERED, RETRY, SILENCE, Order, Report
 from grasptrack.io.base import Source
 from grasptrack.io.bridges.base import STAND, BridgedArm, parse_arm_url
-from grasptrack.io.modbus import HEAD
+from grasptrack.io.peers import HEAD
 from grasptrack.servo.camera import POSE_ROUNDING, pose_of, rotation_of
 from grasptrack.typing import Floats
 
