@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from grasptrack.cli import help_groups, options
-from grasptrack.cli.help_groups import option
+from grasptrack.cli.help_groups import option_or
 from grasptrack.cli.terminal import tell_line
 
 WORSE = 1
@@ -19,16 +19,11 @@ WORSE = 1
 def compare(
     before: Annotated[Path, typer.Argument(metavar="A", help="Folder of the first evaluation.")],
     after: Annotated[Path, typer.Argument(metavar="B", help="Folder of the second, of the same kind.")],
-    output: Annotated[
-        Path | None, option(help_groups.OUTPUT, "FILE", "Also write the comparison as an HTML page.")
-    ] = None,
+    output: Path | None = option_or(None, help_groups.OUTPUT, "FILE", "Also write the comparison as an HTML page."),
     quiet: options.Quiet = False,
-    strict: Annotated[
-        bool,
-        option(
-            help_groups.LIMITS, None, "Exit with status 1 if anything got worse by more than its noise.", "--strict"
-        ),
-    ] = False,
+    strict: bool = option_or(
+        False, help_groups.LIMITS, None, "Exit with status 1 if anything got worse by more than its noise.", "--strict"
+    ),
 ) -> None:
     """Compare two evaluations case by case, and say what got worse from A to B by more than its noise.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from grasptrack.cli import help_groups, options
-from grasptrack.cli.help_groups import option
+from grasptrack.cli.help_groups import option_or
 from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
 from grasptrack_bench import verbs
@@ -26,15 +26,12 @@ if TYPE_CHECKING:
 class SuiteOptions:
     """What every suite is asked."""
 
-    methods: Annotated[
-        str | None,
-        option(
-            help_groups.METHODS, "A,B", "Methods to measure, by name.", show_default="auto,rrp,grasp-line,homography"
-        ),
-    ] = None
-    peers: Annotated[
-        bool, option(help_groups.METHODS, None, "Also measure the baselines that are installed.", "--peers")
-    ] = False
+    methods: str | None = option_or(
+        None, help_groups.METHODS, "A,B", "Methods to measure, by name.", show_default="auto,rrp,grasp-line,homography"
+    )
+    peers: bool = option_or(
+        False, help_groups.METHODS, None, "Also measure the baselines that are installed.", "--peers"
+    )
     quiet: options.Quiet = False
     risk: options.Risk = 1e-3
     workers: verbs.Workers = None
@@ -64,22 +61,15 @@ evaluate = typer.Typer(
 def scenes(
     fingers: options.TwoOrThree = 2,
     friction: options.Friction = 0.5,
-    shapes: Annotated[
-        str | None,
-        option(
-            help_groups.SCENE, "A,B", "Built-in outlines, by name.", show_default="all, unless other parts are given"
-        ),
-    ] = None,
+    shapes: str | None = option_or(
+        None, help_groups.SCENE, "A,B", "Built-in outlines, by name.", show_default="all, unless other parts are given"
+    ),
     silhouettes: verbs.Silhouettes = None,
-    photos: Annotated[str | None, option(help_groups.SCENE, "DIR", "Parts from photos, with --masks.")] = None,
-    masks: Annotated[str | None, option(help_groups.SCENE, "DIR", "Masks of the photos, matched by name.")] = None,
-    disturbances: Annotated[
-        str | None, option(help_groups.SCENE, "A,B", "Disturbances, by name.", show_default="all")
-    ] = None,
-    frames: Annotated[int, option(help_groups.SCENE, "N", "Number of frames of each scene.", min=2)] = 100,
-    repeats: Annotated[
-        int, option(help_groups.SCENE, "N", "Number of scenes for each part and disturbance.", min=1)
-    ] = 1,
+    photos: str | None = option_or(None, help_groups.SCENE, "DIR", "Parts from photos, with --masks."),
+    masks: str | None = option_or(None, help_groups.SCENE, "DIR", "Masks of the photos, matched by name."),
+    disturbances: str | None = option_or(None, help_groups.SCENE, "A,B", "Disturbances, by name.", show_default="all"),
+    frames: int = option_or(100, help_groups.SCENE, "N", "Number of frames of each scene.", min=2),
+    repeats: int = option_or(1, help_groups.SCENE, "N", "Number of scenes for each part and disturbance.", min=1),
     seed: verbs.Seed = 0,
     output: options.Output = options.OUTPUT_FOLDER / "evaluate-scenes",
     *,
@@ -125,15 +115,13 @@ def real(
     ],
     fingers: options.TwoOrThree = 2,
     friction: options.Friction = 0.5,
-    given: Annotated[
-        str | None,
-        option(
-            help_groups.SCENE,
-            "NAME",
-            "What the tracker is told of each object: pixel, quad, outline or nothing.",
-            show_default="pixel, with scenes.csv",
-        ),
-    ] = None,
+    given: str | None = option_or(
+        None,
+        help_groups.SCENE,
+        "NAME",
+        "What the tracker is told of each object: pixel, quad, outline or nothing.",
+        show_default="pixel, with scenes.csv",
+    ),
     output: options.Output = options.OUTPUT_FOLDER / "evaluate-real",
     *,
     suite: SuiteOptions,
@@ -168,16 +156,12 @@ def pot(
         Path,
         typer.Argument(metavar="DIR", help="Sequences: folders V24_7 of images, or V24_7.avi, and their annotation."),
     ],
-    every: Annotated[
-        int,
-        option(
-            help_groups.SCENE, "N", "Number of images from one that is shown to the next: a lower frame rate.", min=1
-        ),
-    ] = 1,
-    given: Annotated[
-        str,
-        option(help_groups.SCENE, "NAME", "What the tracker is told of the target: pixel, quad, outline or nothing."),
-    ] = "outline",
+    every: int = option_or(
+        1, help_groups.SCENE, "N", "Number of images from one that is shown to the next: a lower frame rate.", min=1
+    ),
+    given: str = option_or(
+        "outline", help_groups.SCENE, "NAME", "What the tracker is told of the target: pixel, quad, outline or nothing."
+    ),
     output: options.Output = options.OUTPUT_FOLDER / "evaluate-pot",
     *,
     suite: SuiteOptions,

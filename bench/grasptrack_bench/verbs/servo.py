@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from grasptrack.cli import first_image, help_groups, options
-from grasptrack.cli.help_groups import option
+from grasptrack.cli.help_groups import option_or
 from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
 from grasptrack_bench import verbs
@@ -18,36 +18,29 @@ if TYPE_CHECKING:
 
 
 def servo(
-    fingers: Annotated[
-        int, option(help_groups.GRASP, "N", "Number of fingers: 2, or 3 at 120 degrees on one drive.")
-    ] = 2,
+    fingers: int = option_or(2, help_groups.GRASP, "N", "Number of fingers: 2, or 3 at 120 degrees on one drive."),
     sure: first_image.Sure = 0.0,
-    shape: Annotated[str | None, option(help_groups.SCENE, "NAME", "Built-in outline.", show_default="random")] = None,
+    shape: str | None = option_or(None, help_groups.SCENE, "NAME", "Built-in outline.", show_default="random"),
     silhouettes: verbs.Silhouettes = None,
-    scenario: Annotated[
-        str, option(help_groups.SCENE, "NAME", "Scenario: static, pushed, belt, blackout or pulled.")
-    ] = "static",
-    images: Annotated[
-        str | None,
-        option(
-            help_groups.SCENE, "NAME", "Renderer: mujoco, planar or auto.", show_default="auto; with --trials planar"
-        ),
-    ] = None,
-    trials: Annotated[
-        int | None,
-        option(
-            help_groups.SCENE,
-            "N",
-            "Number of random trials, run in parallel.",
-            min=1,
-            show_default="one approach, which is filmed",
-        ),
-    ] = None,
+    scenario: str = option_or(
+        "static", help_groups.SCENE, "NAME", "Scenario: static, pushed, belt, blackout or pulled."
+    ),
+    images: str | None = option_or(
+        None, help_groups.SCENE, "NAME", "Renderer: mujoco, planar or auto.", show_default="auto; with --trials planar"
+    ),
+    trials: int | None = option_or(
+        None,
+        help_groups.SCENE,
+        "N",
+        "Number of random trials, run in parallel.",
+        min=1,
+        show_default="one approach, which is filmed",
+    ),
     seed: verbs.Seed = 3,
-    arm: Annotated[str, option(help_groups.ROBOT, "NAME", "Robot: gantry (4 DoF) or arm (6 DoF).")] = "gantry",
-    law: Annotated[str, option(help_groups.ROBOT, "NAME", "Control law: online, nominal or textbook.")] = "online",
+    arm: str = option_or("gantry", help_groups.ROBOT, "NAME", "Robot: gantry (4 DoF) or arm (6 DoF)."),
+    law: str = option_or("online", help_groups.ROBOT, "NAME", "Control law: online, nominal or textbook."),
     output: options.Output = options.OUTPUT_FOLDER / "servo",
-    no_video: Annotated[bool, option(help_groups.OUTPUT, None, "Do not write approach.mp4.", "--no-video")] = False,
+    no_video: bool = option_or(False, help_groups.OUTPUT, None, "Do not write approach.mp4.", "--no-video"),
     quiet: options.Quiet = False,
     risk: options.Risk = 1e-3,
     workers: verbs.Workers = None,

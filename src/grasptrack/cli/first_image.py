@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from grasptrack.cli.help_groups import LIMITS, OBJECT, SOURCE, as_asked, option
+from grasptrack.cli.help_groups import LIMITS, OBJECT, SOURCE, as_asked, option, option_or
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
@@ -69,70 +69,56 @@ class UserScene(NamedTuple):
 class FirstImageOptions:
     """What is said of the first image, as written."""
 
-    object_at: Annotated[
-        list[str] | None,
-        option(
-            OBJECT,
-            "X,Y",
-            "Pixel on the object in the (first) image, in px; may be repeated.",
-            "--object",
-            show_default="the object that stands out most",
-        ),
-    ] = None
-    not_at: Annotated[
-        list[str] | None,
-        option(OBJECT, "X,Y", "Pixel in the (first) image that is not on the object, in px; may be repeated.", "--not"),
-    ] = None
-    box: Annotated[
-        str | None, option(OBJECT, "X,Y,W,H", "Rectangle around the object, in px: left, top, width, height.")
-    ] = None
-    outline: Annotated[
-        str | None,
-        option(
-            OBJECT,
-            '"X,Y X,Y ..."',
-            "Rough polygon round the object in the (first) image, in px; it is moved onto the edges beside it.",
-        ),
-    ] = None
+    object_at: list[str] | None = option_or(
+        None,
+        OBJECT,
+        "X,Y",
+        "Pixel on the object in the (first) image, in px; may be repeated.",
+        "--object",
+        show_default="the object that stands out most",
+    )
+    not_at: list[str] | None = option_or(
+        None, OBJECT, "X,Y", "Pixel in the (first) image that is not on the object, in px; may be repeated.", "--not"
+    )
+    box: str | None = option_or(
+        None, OBJECT, "X,Y,W,H", "Rectangle around the object, in px: left, top, width, height."
+    )
+    outline: str | None = option_or(
+        None,
+        OBJECT,
+        '"X,Y X,Y ..."',
+        "Rough polygon round the object in the (first) image, in px; it is moved onto the edges beside it.",
+    )
     mask: str | None = None
-    number: Annotated[
-        int | None,
-        option(
-            OBJECT,
-            "N",
-            "Candidate to take, of those that candidates.png numbers.",
-            "--choose",
-            min=1,
-            max=3,
-            show_default="the likeliest",
-        ),
-    ] = None
+    number: int | None = option_or(
+        None,
+        OBJECT,
+        "N",
+        "Candidate to take, of those that candidates.png numbers.",
+        "--choose",
+        min=1,
+        max=3,
+        show_default="the likeliest",
+    )
     sure: Sure = 0.9
-    segmenter: Annotated[
-        str | None,
-        option(
-            OBJECT,
-            "NAME",
-            "Proposes objects beside the own search: a model (grasptrack models), onnx:FILE, sam:ENCODER,DECODER, a plugin.",
-        ),
-    ] = None
-    background: Annotated[
-        str | None,
-        option(
-            OBJECT, "FILE", "Image of the empty bench, from where the (first) image is taken; the light may differ."
-        ),
-    ] = None
+    segmenter: str | None = option_or(
+        None,
+        OBJECT,
+        "NAME",
+        "Proposes objects beside the own search: a model (grasptrack models), onnx:FILE, sam:ENCODER,DECODER, a plugin.",
+    )
+    background: str | None = option_or(
+        None, OBJECT, "FILE", "Image of the empty bench, from where the (first) image is taken; the light may differ."
+    )
     camera: CameraPath = None
     ignore: IgnorePath = None
-    first_look_ms: Annotated[
-        float | None,
-        option(
-            LIMITS,
-            "MS",
-            "Work that the search for the object may do, in ms of a common machine.",
-            show_default="unlimited",
-        ),
-    ] = None
+    first_look_ms: float | None = option_or(
+        None,
+        LIMITS,
+        "MS",
+        "Work that the search for the object may do, in ms of a common machine.",
+        show_default="unlimited",
+    )
 
     def as_written(self) -> dict[str, Any]:
         """As written, for the record of a run."""
@@ -193,9 +179,9 @@ class FirstImageOptions:
 class MaskedImage(FirstImageOptions):
     """What is said of one image, of which there may be a mask."""
 
-    mask: Annotated[
-        str | None, option(OBJECT, "FILE", "Your own segmentation: a mask that is white on objects, or numbers them.")
-    ] = None
+    mask: str | None = option_or(
+        None, OBJECT, "FILE", "Your own segmentation: a mask that is white on objects, or numbers them."
+    )
 
     def files(self) -> list[str]:
         """That are read of what is said."""
@@ -206,10 +192,9 @@ class MaskedImage(FirstImageOptions):
 class MaskedFrames(FirstImageOptions):
     """What is said of the first of many images, of each of which there may be a mask."""
 
-    mask: Annotated[
-        str | None,
-        option(OBJECT, "DIR", "Your own segmentation, one mask per frame, matched by name or by order.", "--masks"),
-    ] = None
+    mask: str | None = option_or(
+        None, OBJECT, "DIR", "Your own segmentation, one mask per frame, matched by name or by order.", "--masks"
+    )
 
 
 @contextmanager

@@ -120,6 +120,11 @@ def option(panel: str, metavar: str | None, text: str, *names: str, **more: Any)
     return typer.Option(..., *names, metavar=metavar, rich_help_panel=panel, help=text, **more)
 
 
+def option_or(default: Any, panel: str, metavar: str | None, text: str, *names: str, **more: Any) -> Any:
+    """An option as the default of a field or of a verb's parameter: what it is where nothing is asked, then as of `option`."""
+    return dataclasses.field(default=default, metadata={"option": option(panel, metavar, text, *names, **more)})
+
+
 _until_end: ContextVar[ExitStack] = ContextVar("until_end")
 
 
@@ -138,7 +143,7 @@ def open_until_end(held: AbstractContextManager[T]) -> T:
 def with_options(verb: Callable[..., None]) -> Callable[..., None]:
     """A verb, each parameter that is a dataclass replaced by those of its fields that are options.
 
-    A field without `Annotated` is no option of this verb, and keeps its default.
+    A field that is neither `Annotated` nor made by `option_or` is no option of this verb, and keeps its default.
     """
     parameters: list[inspect.Parameter] = []
     groups: dict[str, tuple[Any, list[str]]] = {}
@@ -149,7 +154,7 @@ def with_options(verb: Callable[..., None]) -> Callable[..., None]:
             groups[name] = types[name], [member.name for member in members]
             parameters += members
         else:
-            parameters.append(parameter.replace(annotation=types[name], kind=inspect.Parameter.KEYWORD_ONLY))
+            parameters.append(_parameter_of(name, types[name], parameter.default))
 
     def run(**values: Any) -> None:
         for name, (group, members) in groups.items():
@@ -169,24 +174,23 @@ def with_options(verb: Callable[..., None]) -> Callable[..., None]:
 
 def _options_of(group: Any) -> list[inspect.Parameter]:
     types = get_type_hints(group, include_extras=True)
-    return [
-        inspect.Parameter(
-            field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=types[field.name]
-        )
-        for field in dataclasses.fields(group)
-        if get_origin(types[field.name]) is Annotated
-    ]
+    made = (_parameter_of(field.name, types[field.name], field) for field in dataclasses.fields(group))
+    return [parameter for parameter in made if get_origin(parameter.annotation) is Annotated]
+
+
+def _parameter_of(name: str, kind: Any, default: Any) -> inspect.Parameter:
+    """A parameter as Typer takes it, of a type and a default or a field."""
+    if isinstance(default, dataclasses.Field):
+        kind = Annotated[kind, default.metadata["option"]] if default.metadata else kind
+        default = default.default
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
 
 def as_asked(*groups: Any) -> dict[str, Any]:
     """The options of some groups as they were written, by name, for the record of a run; pixels in one text."""
     asked: dict[str, Any] = {}
     for group in groups:
-        types = get_type_hints(type(group), include_extras=True)
-        for field in dataclasses.fields(group):
-            if get_origin(types[field.name]) is not Annotated:
-                continue
-            names = get_args(types[field.name])[1].param_decls or [field.name]
-            value = getattr(group, field.name)
-            asked[names[0].lstrip("-").replace("-", "_")] = value
+        for parameter in _options_of(type(group)):
+            names = get_args(parameter.annotation)[1].param_decls or [parameter.name]
+            asked[names[0].lstrip("-").replace("-", "_")] = getattr(group, parameter.name)
     return asked

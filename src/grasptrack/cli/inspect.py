@@ -10,7 +10,7 @@ import typer
 
 from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.advice import PICTURE, names_of_written, note_candidates
-from grasptrack.cli.help_groups import as_asked, option
+from grasptrack.cli.help_groups import as_asked, option_or
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
 
@@ -29,12 +29,9 @@ def inspect(
     json_: options.Json = False,
     quiet: options.Quiet = False,
     max_megapixels: options.MaxMegapixels = None,
-    runs: Annotated[
-        int,
-        option(
-            help_groups.LIMITS, "N", "Number of simulated runs, of 12 images each; more give narrower intervals.", min=1
-        ),
-    ] = 4,
+    runs: int = option_or(
+        4, help_groups.LIMITS, "N", "Number of simulated runs, of 12 images each; more give narrower intervals.", min=1
+    ),
 ) -> None:
     """Predict how well the object in an image can be tracked.
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import first_image, help_groups, options
-from grasptrack.cli.help_groups import PAGE, as_asked, option
+from grasptrack.cli.help_groups import PAGE, as_asked, option_or
 from grasptrack.cli.terminal import Interruption, show_run, tell_line
 from grasptrack.errors import InputError
 
@@ -38,30 +38,26 @@ def live(
     hand: options.HandSize,
     known: options.KnownGeometry,
     images: options.SourceOptions,
-    start: Annotated[
-        bool, option(PAGE, None, "Follow the likeliest object of the first image without asking.", "--start")
-    ] = False,
-    until_end: Annotated[
-        bool, option(PAGE, None, "End where a file ends, instead of waiting for Restart.", "--until-end")
-    ] = False,
-    servo: Annotated[
-        str | None,
-        option(
-            help_groups.ROBOT,
-            "FILE",
-            "Move an arm while the page's button is held; FILE (TOML) names the arm, the goal and limits.",
-        ),
-    ] = None,
-    host: Annotated[
-        str, option(PAGE, "ADDRESS", "Address to serve at; 0.0.0.0 takes all of this machine's.")
-    ] = "127.0.0.1",
-    name: Annotated[
-        str | None, option(PAGE, "HOST", "Name of this machine in the address that is printed, as robot.local.")
-    ] = None,
-    port: Annotated[int, option(PAGE, "N", "Number of the port; 0 takes a free one.", min=0, max=65535)] = 8321,
+    start: bool = option_or(
+        False, PAGE, None, "Follow the likeliest object of the first image without asking.", "--start"
+    ),
+    until_end: bool = option_or(
+        False, PAGE, None, "End where a file ends, instead of waiting for Restart.", "--until-end"
+    ),
+    servo: str | None = option_or(
+        None,
+        help_groups.ROBOT,
+        "FILE",
+        "Move an arm while the page's button is held; FILE (TOML) names the arm, the goal and limits.",
+    ),
+    host: str = option_or("127.0.0.1", PAGE, "ADDRESS", "Address to serve at; 0.0.0.0 takes all of this machine's."),
+    name: str | None = option_or(
+        None, PAGE, "HOST", "Name of this machine in the address that is printed, as robot.local."
+    ),
+    port: int = option_or(8321, PAGE, "N", "Number of the port; 0 takes a free one.", min=0, max=65535),
     output: options.Output = options.OUTPUT_FOLDER / "live",
     publish: options.Publish = None,
-    record_as: Annotated[str, option(help_groups.OUTPUT, "NAME", "Kind of recordings: mp4, mcap or rrd.")] = "mp4",
+    record_as: str = option_or("mp4", help_groups.OUTPUT, "NAME", "Kind of recordings: mp4, mcap or rrd."),
     quiet: options.Quiet = False,
     max_megapixels: options.MaxMegapixels = None,
 ) -> None:

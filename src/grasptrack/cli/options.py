@@ -18,6 +18,7 @@ from grasptrack.cli.help_groups import (
     SOURCE,
     open_until_end,
     option,
+    option_or,
 )
 from grasptrack.cli.terminal import tell_line
 from grasptrack.errors import GraspError, InputError
@@ -102,19 +103,17 @@ class GivenGrasp:
     """The grasp of a first image: given, or to be chosen for a number of fingers."""
 
     strategy: str = "auto"
-    fingers: Annotated[
-        int | None, option(GRASP, "N", "Number of fingers.", show_default="2, or as many as --grasp has contacts")
-    ] = None
+    fingers: int | None = option_or(
+        None, GRASP, "N", "Number of fingers.", show_default="2, or as many as --grasp has contacts"
+    )
     friction: Friction = 0.5
-    grasp: Annotated[
-        str | None,
-        option(
-            GRASP,
-            '"X,Y X,Y ..."',
-            "Contacts in the first image, in px; they also select the object.",
-            show_default="synthesized",
-        ),
-    ] = None
+    grasp: str | None = option_or(
+        None,
+        GRASP,
+        '"X,Y X,Y ..."',
+        "Contacts in the first image, in px; they also select the object.",
+        show_default="synthesized",
+    )
     resynthesize: bool = False
     risk: Risk = 1e-3
 
@@ -144,24 +143,20 @@ class GivenGrasp:
 class CarriedGrasp(GivenGrasp):
     """The grasp that a strategy is to carry, and how exactly."""
 
-    strategy: Annotated[
-        str,
-        option(
-            GRASP,
-            "NAME",
-            "Strategy: auto, rrp, grasp-line, homography, or paper: the cheapest of these that suffices, anew in each image.",
-            callback=_strategy_choice,
-        ),
-    ] = "auto"
-    tolerance: Annotated[
-        str | None,
-        option(
-            HAND,
-            "L",
-            "How far a contact may be off before the answer is wrong, on the object as the first image shows it.",
-            show_default="3px or 4%, whichever is more",
-        ),
-    ] = None
+    strategy: str = option_or(
+        "auto",
+        GRASP,
+        "NAME",
+        "Strategy: auto, rrp, grasp-line, homography, or paper: the cheapest of these that suffices, anew in each image.",
+        callback=_strategy_choice,
+    )
+    tolerance: str | None = option_or(
+        None,
+        HAND,
+        "L",
+        "How far a contact may be off before the answer is wrong, on the object as the first image shows it.",
+        show_default="3px or 4%, whichever is more",
+    )
     next_object: bool = False
 
     def allowed_error(self, hand: HandSize) -> Length | None:
@@ -176,45 +171,38 @@ class CarriedGrasp(GivenGrasp):
 class FollowedGrasp(CarriedGrasp):
     """The grasp that is followed, and what becomes of one that is refused."""
 
-    resynthesize: Annotated[
-        bool, option(GRASP, None, "Choose a new grasp when the current one is no longer stable.", "--resynthesize")
-    ] = False
-    wait: Annotated[
-        bool, option(OBJECT, None, "Begin only when an object lies whole in view and its choice is sure.", "--wait")
-    ] = False
-    next_object: Annotated[
-        bool,
-        option(
-            OBJECT,
-            None,
-            "When the object has left the image, go on with the next, as with --wait; what is said of the first is not of it.",
-            "--next",
-        ),
-    ] = False
+    resynthesize: bool = option_or(
+        False, GRASP, None, "Choose a new grasp when the current one is no longer stable.", "--resynthesize"
+    )
+    wait: bool = option_or(
+        False, OBJECT, None, "Begin only when an object lies whole in view and its choice is sure.", "--wait"
+    )
+    next_object: bool = option_or(
+        False,
+        OBJECT,
+        None,
+        "When the object has left the image, go on with the next, as with --wait; what is said of the first is not of it.",
+        "--next",
+    )
 
 
 @dataclass(frozen=True)
 class PartsOptions:
     """Parts on file of which every instance is followed."""
 
-    part: Annotated[
-        list[str] | None,
-        option(
-            OBJECT, "FILE", "Part, or folder of parts, from grasptrack teach, for --all; may be repeated.", "--part"
-        ),
-    ] = None
-    all_parts: Annotated[
-        bool, option(OBJECT, None, "Follow every instance of the parts of --part, each with its instance_id.", "--all")
-    ] = False
-    look_every: Annotated[
-        float | None,
-        option(
-            OBJECT,
-            "S",
-            "Time of the images, in s, between looks for parts that come into view, for --all.",
-            show_default="2, and never in a live source, which a look of some seconds would hold up",
-        ),
-    ] = None
+    part: list[str] | None = option_or(
+        None, OBJECT, "FILE", "Part, or folder of parts, from grasptrack teach, for --all; may be repeated.", "--part"
+    )
+    all_parts: bool = option_or(
+        False, OBJECT, None, "Follow every instance of the parts of --part, each with its instance_id.", "--all"
+    )
+    look_every: float | None = option_or(
+        None,
+        OBJECT,
+        "S",
+        "Time of the images, in s, between looks for parts that come into view, for --all.",
+        show_default="2, and never in a live source, which a look of some seconds would hold up",
+    )
 
     def has_parts(self) -> bool:
         """Whether many are followed.
@@ -235,54 +223,44 @@ class PartsOptions:
 class KnownGeometry:
     """What a person has measured of object, belt and camera."""
 
-    length: Annotated[
-        str | None,
-        option(
-            OBJECT,
-            "L",
-            "Length of the object, the longer side of its smallest enclosing rectangle, in mm, cm, m or in: 120mm.",
-        ),
-    ] = None
-    belt: Annotated[
-        str | None,
-        option(
-            OBJECT,
-            "VX,VY",
-            "How the belt that carries the object moves in the first image, in px/s, before a camera at rest: equal parts "
-            "that pass are told apart.",
-        ),
-    ] = None
-    pixel_aspect: Annotated[
-        float | None,
-        option(
-            SOURCE,
-            "R",
-            "Ratio of a pixel's width to its height, which in a squeezed image is not 1.",
-            show_default="1 until views tell otherwise",
-        ),
-    ] = None
+    length: str | None = option_or(
+        None,
+        OBJECT,
+        "L",
+        "Length of the object, the longer side of its smallest enclosing rectangle, in mm, cm, m or in: 120mm.",
+    )
+    belt: str | None = option_or(
+        None,
+        OBJECT,
+        "VX,VY",
+        "How the belt that carries the object moves in the first image, in px/s, before a camera at rest: equal parts "
+        "that pass are told apart.",
+    )
+    pixel_aspect: float | None = option_or(
+        None,
+        SOURCE,
+        "R",
+        "Ratio of a pixel's width to its height, which in a squeezed image is not 1.",
+        show_default="1 until views tell otherwise",
+    )
 
 
 @dataclass(frozen=True)
 class HandSize:
     """The hand that a grasp is chosen for, in lengths as written; px per mm is the image's scale."""
 
-    min_opening: Annotated[str | None, option(HAND, "L", "Smallest opening of the hand.", show_default="0")] = None
-    max_opening: Annotated[str | None, option(HAND, "L", "Largest opening of the hand.", show_default="unlimited")] = (
-        None
+    min_opening: str | None = option_or(None, HAND, "L", "Smallest opening of the hand.", show_default="0")
+    max_opening: str | None = option_or(None, HAND, "L", "Largest opening of the hand.", show_default="unlimited")
+    finger_width: str | None = option_or(None, HAND, "L", "Width of a finger, along the outline.", show_default="10%")
+    finger_thickness: str | None = option_or(
+        None, HAND, "L", "Thickness of a finger, away from the outline.", show_default="10%"
     )
-    finger_width: Annotated[
-        str | None, option(HAND, "L", "Width of a finger, along the outline.", show_default="10%")
-    ] = None
-    finger_thickness: Annotated[
-        str | None, option(HAND, "L", "Thickness of a finger, away from the outline.", show_default="10%")
-    ] = None
-    clearance: Annotated[
-        str | None, option(HAND, "L", "Gap between finger and object before closing.", show_default="3%")
-    ] = None
-    scale: Annotated[
-        float | None, option(HAND, "PX_PER_MM", "Image scale, in px per mm, for lengths in mm, cm, m or in.")
-    ] = None
+    clearance: str | None = option_or(
+        None, HAND, "L", "Gap between finger and object before closing.", show_default="3%"
+    )
+    scale: float | None = option_or(
+        None, HAND, "PX_PER_MM", "Image scale, in px per mm, for lengths in mm, cm, m or in."
+    )
 
     def make_hand(self) -> Hand:
         """The hand; what was not given has the default."""
@@ -347,12 +325,12 @@ def one_of(option: str, text: str | None, choices: Sequence[str]) -> str | None:
 class SourceOptions:
     """How images are read."""
 
-    fps: Annotated[
-        float | None, option(SOURCE, "FPS", "Frame rate, in frames/s, for folders and globs, which have no times.")
-    ] = None
-    set: Annotated[
-        list[str] | None, option(SOURCE, "NAME=VALUE", "Setting of a camera, a stream or a bag; may be repeated.")
-    ] = None
+    fps: float | None = option_or(
+        None, SOURCE, "FPS", "Frame rate, in frames/s, for folders and globs, which have no times."
+    )
+    set: list[str] | None = option_or(
+        None, SOURCE, "NAME=VALUE", "Setting of a camera, a stream or a bag; may be repeated."
+    )
 
     def camera_settings(self) -> dict[str, str]:
         """The settings of --set by name."""
@@ -369,26 +347,20 @@ class SourceOptions:
 class RecordingOptions:
     """What is written beside the run's own files."""
 
-    record: Annotated[
-        list[Path] | None,
-        option(OUTPUT, "FILE", "Record images and results: .mcap for Foxglove, .rrd for rerun; may be repeated."),
-    ] = None
-    record_quality: Annotated[
-        int | None,
-        option(
-            OUTPUT,
-            "N",
-            "Record images as JPEG of this quality, 1 to 100.",
-            show_default="as they are, so that a replay gives the same",
-        ),
-    ] = None
-    jsonl: Annotated[
-        str | None,
-        option(OUTPUT, "FILE", "Write a JSON object for every frame, one a line; - for the standard output."),
-    ] = None
-    outline_in_jsonl: Annotated[
-        bool, option(OUTPUT, None, "Write the outline in --jsonl, too.", "--outline-in-jsonl")
-    ] = False
+    record: list[Path] | None = option_or(
+        None, OUTPUT, "FILE", "Record images and results: .mcap for Foxglove, .rrd for rerun; may be repeated."
+    )
+    record_quality: int | None = option_or(
+        None,
+        OUTPUT,
+        "N",
+        "Record images as JPEG of this quality, 1 to 100.",
+        show_default="as they are, so that a replay gives the same",
+    )
+    jsonl: str | None = option_or(
+        None, OUTPUT, "FILE", "Write a JSON object for every frame, one a line; - for the standard output."
+    )
+    outline_in_jsonl: bool = option_or(False, OUTPUT, None, "Write the outline in --jsonl, too.", "--outline-in-jsonl")
 
     def as_written(self) -> dict[str, Any]:
         """As written, for the record of a run."""

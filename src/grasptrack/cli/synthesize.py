@@ -12,7 +12,7 @@ import typer
 
 from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.advice import PICTURE, names_of_written, note_candidates
-from grasptrack.cli.help_groups import as_asked, option
+from grasptrack.cli.help_groups import as_asked, option_or
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
 
@@ -33,8 +33,8 @@ def synthesize(
     hand: options.HandSize,
     fingers: options.TwoOrThree = 2,
     friction: options.Friction = 0.5,
-    top: Annotated[int, option(help_groups.GRASP, "N", "Number of grasps at most.")] = 10,
-    all_: Annotated[bool, option(help_groups.OBJECT, None, "Grasps on every object in the image.", "--all")] = False,
+    top: int = option_or(10, help_groups.GRASP, "N", "Number of grasps at most."),
+    all_: bool = option_or(False, help_groups.OBJECT, None, "Grasps on every object in the image.", "--all"),
     output: options.Output = options.OUTPUT_FOLDER / "synthesize",
     quiet: options.Quiet = False,
     max_megapixels: options.MaxMegapixels = None,

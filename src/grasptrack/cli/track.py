@@ -49,15 +49,9 @@ def track(
     known: options.KnownGeometry,
     scene: options.PartsOptions,
     images: options.SourceOptions,
-    start: Annotated[
-        int,
-        help_groups.option(
-            help_groups.SOURCE,
-            "FRAME",
-            "Index, from 0, of the image to start with, which is the first one then.",
-            min=0,
-        ),
-    ] = 0,
+    start: int = help_groups.option_or(
+        0, help_groups.SOURCE, "FRAME", "Index, from 0, of the image to start with, which is the first one then.", min=0
+    ),
     output: options.Output = options.OUTPUT_FOLDER / "track",
     recording: options.RecordingOptions,
     publish: options.Publish = None,

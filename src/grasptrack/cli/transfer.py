@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from grasptrack.cli import first_image, help_groups, options
-from grasptrack.cli.help_groups import as_asked, option
+from grasptrack.cli.help_groups import as_asked, option_or
 from grasptrack.cli.terminal import format_number, show_rows, tell_error
 from grasptrack.errors import GraspTrackError, InputError, TransferError
 from grasptrack.presentation import format_confidence
@@ -31,25 +31,21 @@ def transfer(
     image_a: Annotated[str, typer.Argument(metavar="IMAGE_A", help="Reference image.")],
     image_b: Annotated[str, typer.Argument(metavar="IMAGE_B", help="Image to transfer the grasp to.")],
     grasp: options.GivenGrasp,
-    object_a: Annotated[
-        str | None,
-        option(
-            help_groups.OBJECT,
-            "X,Y",
-            "Pixel on the object in IMAGE_A, in px.",
-            "--object",
-            show_default="the object that stands out most",
-        ),
-    ] = None,
-    object_b: Annotated[
-        str | None,
-        option(
-            help_groups.OBJECT,
-            "X,Y",
-            "Pixel on the object in IMAGE_B, in px.",
-            show_default="the object that fits best",
-        ),
-    ] = None,
+    object_a: str | None = option_or(
+        None,
+        help_groups.OBJECT,
+        "X,Y",
+        "Pixel on the object in IMAGE_A, in px.",
+        "--object",
+        show_default="the object that stands out most",
+    ),
+    object_b: str | None = option_or(
+        None,
+        help_groups.OBJECT,
+        "X,Y",
+        "Pixel on the object in IMAGE_B, in px.",
+        show_default="the object that fits best",
+    ),
     camera: first_image.CameraPath = None,
     ignore: first_image.IgnorePath = None,
     output: options.Output = options.OUTPUT_FOLDER / "transfer",
