@@ -5,7 +5,6 @@ import json
 import re
 import resource
 import struct
-import warnings
 import zlib
 from fractions import Fraction
 from pathlib import Path
@@ -209,14 +208,8 @@ def titled(path: Path, title: bytes) -> Path:
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".avi"])
-def test_a_title_in_latin_1_is_a_warning(tmp_path: Path, suffix: str) -> None:
-    path = titled(tmp_path / f"a{suffix}", "Käse".encode("latin-1"))
-    with pytest.warns(UserWarning, match="title is not in UTF-8"):
-        source = open_source(path)
-    assert len(list(source)) == 4
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert len(list(open_source(titled(path, b"cheese")))) == 4
+def test_a_title_in_latin_1_is_no_reason_not_to_read(tmp_path: Path, suffix: str) -> None:
+    assert len(list(open_source(titled(tmp_path / f"a{suffix}", "Käse".encode("latin-1"))))) == 4
 
 
 def timed(path: Path, times: list[int]) -> Path:

@@ -30,9 +30,6 @@ _STILLS = frozenset({"heic", "heix", "heim", "heis", "mif1", "avif"})
 _DEEP, _WITH_ALPHA = re.compile("(rgb|bgr)48|gbrp16"), re.compile("yuva|rgba|argb|bgra|abgr|gbrap|ya8|ya16|pal8")
 """Formats of pixels."""
 
-_UNREADABLE = re.compile("[\ufffd\udc80-\udcff]")
-"""What stands for bytes that are not UTF-8, before PyAV 19 and from it on."""
-
 
 def open_media(file: Any, **options: Any) -> Any:
     """A container of PyAV's to read from; metadata that are not in UTF-8 are no error, in whichever version."""
@@ -59,7 +56,7 @@ class VideoSource(Source):
             raise SourceError(f'video "{path}" is empty', path=str(path))
         with self._open_container() as container:
             stream = container.streams.video[0]
-            self._warn_of_metadata(container)
+            self._warn_of_alpha(container)
             warn_of_aspect(stream, f'video "{self._path}"')
             rate = float(stream.average_rate or 0)
             self.fps = fps or (rate if rate > 0 else None)
@@ -86,14 +83,9 @@ class VideoSource(Source):
             raise
         return container
 
-    def _warn_of_metadata(self, container: Any) -> None:
-        """Say that texts of the file, as its title, are not in UTF-8, as they should be; nothing depends on them."""
-        texts = [(k, v) for part in (container, *container.streams) for k, v in part.metadata.items()]
-        broken = sorted({key for key, value in texts if _UNREADABLE.search(key + value)})
-        if broken:
-            told = ", ".join(broken).encode("ascii", "replace").decode()
-            warnings.warn(f'video "{self._path}": its {told} is not in UTF-8, and is not read', stacklevel=3)
-        if container.streams.video[0].metadata.get("alpha_mode") == "1":  # of VP8 and VP9, beside the images
+    def _warn_of_alpha(self, container: Any) -> None:
+        """Say where transparency stands beside the images, as of VP8 and VP9: it is not read."""
+        if container.streams.video[0].metadata.get("alpha_mode") == "1":
             told = "what is transparent in it is not read, and shows the colours beneath"
             warnings.warn(f'video "{self._path}": {told}', stacklevel=3)
 

@@ -37,10 +37,6 @@ class ModelFile(NamedTuple):
     digest: str
 
 
-def _model_file(megabytes: float, folder: str, name: str, digest: str) -> ModelFile:
-    return ModelFile(megabytes, f"{folder}{name}.onnx", digest)
-
-
 class NetModel(NamedTuple):
     """A net that a segmenter runs.
 
@@ -71,59 +67,41 @@ class NetModel(NamedTuple):
         return SalientNet(files[0], self.side) if self.side is not None else PromptableNet(files[0], files[1])
 
 
-U2NETP = NetModel(
+def _model(name: str, what: str, side: int | None, folder: str, *files: tuple[float, str, str]) -> NetModel:
+    """Of files in a folder of the web: MB, the name without .onnx, and the digest."""
+    made = tuple(ModelFile(megabytes, f"{folder}{file}.onnx", digest) for megabytes, file, digest in files)
+    return NetModel(name, what, "Apache-2.0", made, side)
+
+
+U2NETP = _model(
     "u2netp",
     "salient objects, small",
-    "Apache-2.0",
-    (_model_file(4.6, _REMBG, "u2netp", "sha256:309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8"),),
     320,
+    _REMBG,
+    (4.6, "u2netp", "sha256:309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8"),
 )
-U2NET = NetModel(
+U2NET = _model(
     "u2net",
     "salient objects, large",
-    "Apache-2.0",
-    (_model_file(176.0, _REMBG, "u2net", "md5:60024c5c889badc19c04ad937298a77b"),),
     320,
+    _REMBG,
+    (176.0, "u2net", "md5:60024c5c889badc19c04ad937298a77b"),
 )
-MOBILE_SAM = NetModel(
+MOBILE_SAM = _model(
     "mobile-sam",
     "asked by clicks, small",
-    "Apache-2.0",
-    (
-        _model_file(
-            28.2,
-            _ACLY,
-            "mobile_sam_image_encoder",
-            "sha256:580f5fb648ea1062c0aabc26217aed56921985f03f0cbbd852bba81d760cc749",
-        ),
-        _model_file(
-            16.5,
-            _ACLY,
-            "sam_mask_decoder_multi",
-            "sha256:8976b90a87ba50a6a72217a5ff994f7d25ce16f2229fcc1ed259e1294c622ffe",
-        ),
-    ),
     None,
+    _ACLY,
+    (28.2, "mobile_sam_image_encoder", "sha256:580f5fb648ea1062c0aabc26217aed56921985f03f0cbbd852bba81d760cc749"),
+    (16.5, "sam_mask_decoder_multi", "sha256:8976b90a87ba50a6a72217a5ff994f7d25ce16f2229fcc1ed259e1294c622ffe"),
 )
-SAM2_TINY = NetModel(
+SAM2_TINY = _model(
     "sam2-tiny",
     "asked by clicks, large",
-    "Apache-2.0",
-    (
-        _model_file(
-            134.3,
-            _SAM_2,
-            "sam2_hiera_tiny.encoder",
-            "sha256:4cc015ee18520e93f8c7ddfeaca7436039daaaaf19721b4b96a8810a805e82f7",
-        ),
-        _model_file(
-            20.6,
-            _SAM_2,
-            "sam2_hiera_tiny.decoder",
-            "sha256:f5a4bd656c143899fb7f52d64ed81e6f6aeb37d477a0b6da50146ac7cf2187bf",
-        ),
-    ),
     None,
+    _SAM_2,
+    (134.3, "sam2_hiera_tiny.encoder", "sha256:4cc015ee18520e93f8c7ddfeaca7436039daaaaf19721b4b96a8810a805e82f7"),
+    (20.6, "sam2_hiera_tiny.decoder", "sha256:f5a4bd656c143899fb7f52d64ed81e6f6aeb37d477a0b6da50146ac7cf2187bf"),
 )
 MODELS = (U2NETP, U2NET, MOBILE_SAM, SAM2_TINY)
 

@@ -15,7 +15,6 @@ from grasptrack.trackability import Suitability
 from grasptrack.trackability.motions import SLIDING, Motions, sliding_displacement
 from grasptrack.trackability.report import FAINT, Entry, describe_expectation, report_rows
 from grasptrack.trackability.result import Held
-from grasptrack.typing import Floats
 from grasptrack.view import style
 from grasptrack.view.draw import outward_directions
 from grasptrack.view.panel import (
@@ -31,7 +30,6 @@ from grasptrack.view.panel import (
     draw_legend,
     image_window,
     mute_image,
-    quiet_corner,
     wrap_to_width,
 )
 from grasptrack.view.style import create_figure, save_whole
@@ -124,8 +122,6 @@ _FARTHEST = 80.0
 """Points; a longer half-axis is cut there, and the ellipse dashed."""
 _ARROWS = 14
 """Arrows along the outline for a motion that it does not show."""
-_MANY = 24
-"""Turns of a symmetry that are drawn one by one."""
 
 
 def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, title: str) -> None:
@@ -138,7 +134,6 @@ def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, tit
     times = ellipse_magnification(found, panel.px_per_point)
     panel.draw_neighbours(found.equals, 1.6)
     _draw_edges(panel, found)
-    _draw_symmetry(panel, found)
     _draw_slides(panel, found)
     if len(found.peaks):
         panel.axes.plot(*found.peaks.T, "D", color=PEAK, ms=8.0, mec=style.DARK, mew=1.2, zorder=4)
@@ -162,7 +157,6 @@ def _marks_shown(found: Suitability, times: float) -> dict[str, str | bool]:
         "no edge": not edges.clear.all(),
         "peaks": len(found.peaks) > 0,
         "outline slides": found.motions.slide is not None,
-        "ways it fits itself": bool(found.symmetry.every or found.symmetry.turns),
         "neighbours": "its equals" if found.equals else False,
         "grasp": found.grasp is not None,
         "errors": errors if found.grasp is not None else False,
@@ -211,40 +205,6 @@ def _draw_slides(panel: Panel, found: Suitability) -> None:
         if float(np.hypot(*way)) < 0.25 * reach:
             continue
         panel.draw_arrow(point - 0.5 * way, point + 0.5 * way, BAD, 0.3)
-
-
-def _draw_symmetry(panel: Panel, found: Suitability) -> None:
-    """A ring about the centre with a tick for each way in which the outline fits itself."""
-    symmetry, frame = found.symmetry, found.motions.frame
-    if not symmetry.every and not symmetry.turns:
-        return
-    radius = min(max(0.13 * found.looks.size, 26.0 * panel.px_per_point), 60.0 * panel.px_per_point)
-    centre = _free_place(panel, found, radius)
-    around = np.linspace(0.0, 2.0 * math.pi, 121)
-    panel.draw_line(centre + radius * np.column_stack([np.cos(around), np.sin(around)]), "white", 1.6)
-    start = math.degrees(math.atan2(frame.axes[0, 1], frame.axes[0, 0]))
-    if not symmetry.every and len(symmetry.turns) < _MANY:
-        for turn in (0.0, *symmetry.turns):
-            way = np.array([math.cos(math.radians(start + turn)), math.sin(math.radians(start + turn))])
-            panel.draw_line(centre + radius * np.outer([0.72, 1.28], way), "white", 2.4)
-    text = "every turn" if symmetry.every else f"alike {symmetry.order} ×"
-    font = {"ha": "center", "va": "center", "fontsize": 11.0, "fontweight": "bold", "color": "white", "zorder": 6}
-    box = {"boxstyle": "round,pad=0.25", "fc": style.DARK, "ec": "none", "alpha": 0.75}
-    panel.axes.text(*centre, text, bbox=box, **font)
-
-
-def _free_place(panel: Panel, found: Suitability, radius: float) -> Floats:
-    """The object's centre, or where the grasp is there a corner of the picture."""
-    centre = found.motions.frame.centre
-    if found.grasp is None or np.hypot(*(found.grasp.contacts - centre).T).min() > 2.0 * radius:
-        return centre
-    left, top, right, bottom = panel.window
-    share = 3.0 * radius / min(right - left, bottom - top)
-    corner = quiet_corner(panel.window, share, found.view.points, [v.outer.points for v in found.equals])
-    if corner is None:
-        return centre
-    x = right - 1.6 * radius if corner % 2 else left + 1.6 * radius
-    return np.array([x, bottom - 1.6 * radius if corner // 2 else top + 1.6 * radius])
 
 
 def _draw_errors(panel: Panel, grasp: Held, times: float) -> None:

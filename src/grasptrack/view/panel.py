@@ -193,7 +193,6 @@ _MARKS: dict[str, dict[str, Any]] = {
     "no edge": {"color": BAD, "lw": 5},
     "peaks": {"color": PEAK, "marker": "D", "ms": 7, "lw": 0},
     "outline slides": {"color": BAD, "marker": r"$\rightarrow$", "ms": 14, "lw": 0},
-    "ways it fits itself": {"color": style.MUTED, "marker": "o", "ms": 9, "mfc": "none", "mew": 2.0, "lw": 0},
     "neighbours": {"color": NEIGHBOUR, "lw": 1.6, "ls": _DASHED},
     "grasp": {"color": LINE, "lw": 2, "marker": "o", "mec": "white"},
     "errors": {"color": style.INK, "marker": "o", "ms": 12, "mfc": "none", "lw": 0},
