@@ -11,7 +11,7 @@ from grasptrack import arguments
 from grasptrack.errors import SourceError, bench_hint
 from grasptrack.io.bags.source import is_bag, open_bag
 from grasptrack.io.base import Frame, Source
-from grasptrack.io.cameras.v4l import open_webcam
+from grasptrack.io.cameras.attached import open_webcam
 from grasptrack.io.headers import format_for_pillow
 from grasptrack.io.images import (
     ImageSource,
