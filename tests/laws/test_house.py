@@ -11,23 +11,23 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 44_974,
-    "src/grasptrack/tracking": 9_797,
+    "src/grasptrack": 44_845,
+    "src/grasptrack/tracking": 9_853,
     "src/grasptrack/servo": 4_913,
-    "src/grasptrack/io": 6_961,
+    "src/grasptrack/io": 6_926,
     "src/grasptrack/segmentation": 4_446,
-    "src/grasptrack/cli": 3_269,
-    "src/grasptrack/live": 2_974,
-    "src/grasptrack/view": 2_026,
+    "src/grasptrack/cli": 3_200,
+    "src/grasptrack/live": 2_963,
+    "src/grasptrack/view": 1_985,
     "src/grasptrack/trackability": 1_920,
     "src/grasptrack/grasp": 1_777,
-    "bench": 15_227,
+    "bench": 15_197,
     "research": 12_681,
     "native": 7_487,
-    "tests": 47_269,
+    "tests": 47_190,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
-MODULES = 226
+MODULES = 219
 SAME_NAMES = 0
 """Names that more than one class has."""
 NAMED = ("tracking", "segmentation")

@@ -2,6 +2,7 @@
 """The paper's transfers to the letter are what the text says, and each switch is one improvement and no more."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from grasptrack.transfer.homography import NEIGHBOURHOOD, SEARCH, SMOOTHING
 from grasptrack_bench.baselines.literal import PAPER, LiteralGraspLine, LiteralHomography, LiteralRRP, match_by_samples
 from grasptrack_bench.simulation import SHAPES
 from research.paper.footage import OBJECTS, ideal_footage, make_part, moved_curves, sample_view
+from research.paper.transfers import COMPARED, transfer_and_measure
+from research.studies.failures import SHOWN, WorstView, cause_of, draw_atlas, failure_rows, tilt_degrees, worst_views
 
 objects = st.sampled_from(OBJECTS)
 seeds = st.integers(0, 50)
@@ -118,7 +121,7 @@ def test_eq_3_is_the_sum_of_the_text(seed, kappa):
         return (1.0 - share) * v2[low % m] + share * v2[(low + 1) % m]
 
     for i, j, error in zip(samples, found, errors, strict=True):
-        window = [j_ for j_ in range(-m, 2 * m) if k * i - k * reach <= j_ <= k * i + k * reach]
+        window = [j_ for j_ in range(-m, 2 * m) if m * (i - reach) <= n * j_ <= m * (i + reach)]  # its ends included
         sums = [sum(abs(v1[(i + d) % n] - value(j_ + k * d)) for d in range(-radius, radius + 1)) for j_ in window]
         assert j == window[int(np.argmin(sums))] % m
         assert j == int(j) and error == pytest.approx(min(sums))
@@ -191,3 +194,44 @@ def test_the_names_are_those_of_the_methods():
     from grasptrack_bench.baselines import PEERS
 
     assert set(PAPER) == {name for name in PEERS if name.startswith("paper-")}
+
+
+# --- failures -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def found():
+    return worst_views(("bracket", "spoon"), 1, 20)
+
+
+def test_the_worst_view_of_each_shape_is_there_the_farthest_off_first(found):
+    assert list(found) == list(COMPARED)
+    for strategy, failures in found.items():
+        assert len(failures) == 2 <= SHOWN and {f.footage.part.name for f in failures} == {"bracket", "spoon"}
+        assert [f.off for f in failures] == sorted((f.off for f in failures), reverse=True)
+        for f in failures:
+            course = transfer_and_measure(f.footage, strategy, "first view")
+            assert f.off == max(e.maximum_px for e in course.answered)
+
+
+def one(strategy, motion, frame=-1):
+    footage = ideal_footage(make_part("bracket", 0), "resampled", motion, 100, 0)
+    answers = transfer_and_measure(footage, strategy, "first view").answers
+    off = footage.truth(strategy, len(answers) + 1 + frame) - answers[frame]
+    return WorstView(footage, strategy, len(answers) + 1 + frame, answers[frame], float(np.hypot(*off.T).max()))
+
+
+def test_causes_are_named():
+    tilted = one("rrp", "6 DoF")
+    assert cause_of(tilted) == f"tilt of {tilt_degrees(tilted):.0f} degrees: the tracker has 4 DoF"
+    assert 10.0 < tilt_degrees(tilted) < 25.0 and tilt_degrees(one("rrp", "approach")) < 0.01
+    assert cause_of(one("paper-rrp", "4 DoF")) == "a place is a whole sample"
+    assert "turns and shifts the axes" in cause_of(one("grasp-line", "6 DoF"))
+    assert "the object is seen 2.50 times as large" in cause_of(one("paper-grasp-line", "approach"))
+    assert re.search(r"match(es)? (of four )?(is|are) \d", cause_of(one("paper-homography", "6 DoF")))
+
+
+def test_the_picture_and_the_table_have_all_of_them(found):
+    rows = list(failure_rows(found))
+    assert len(rows) == 2 * len(COMPARED) and all(all(row) for row in rows)
+    assert draw_atlas(found).shape[2] == 3
