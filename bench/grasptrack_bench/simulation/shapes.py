@@ -94,11 +94,7 @@ def hinge_leaf() -> Shape:
     ring = [(0, 0), (1.5, 0), (1.5, 0.62), (1.2, 0.62), (1.2, 0.84), (0.9, 0.84), (0.9, 0.62), (0.6, 0.62)]
     ring += [(0.6, 0.84), (0.3, 0.84), (0.3, 0.62), (0, 0.62)]
     radii = [0.12, 0.12, 0.03, 0.03, 0.05, 0.05, 0.03, 0.03, 0.05, 0.05, 0.03, 0.03]
-    holes = [
-        circle_polygon(0.25, 0.2, 0.07, 40),
-        circle_polygon(0.75, 0.36, 0.07, 40),
-        circle_polygon(1.25, 0.2, 0.07, 40),
-    ]
+    holes = [circle_polygon(x, y, 0.07, 40) for x, y in ((0.25, 0.2), (0.75, 0.36), (1.25, 0.2))]
     return Shape.of("hinge", round_corners(ring, radii), holes)
 
 
@@ -111,11 +107,7 @@ def t_plate() -> Shape:
     """A mending plate in the form of a T, with four holes."""
     ring = [(-0.9, 0), (0.9, 0), (0.9, 0.42), (0.21, 0.42), (0.21, 1.5), (-0.21, 1.5), (-0.21, 0.42), (-0.9, 0.42)]
     radii = [0.14, 0.14, 0.14, 0.08, 0.14, 0.14, 0.08, 0.14]
-    holes = [
-        circle_polygon(-0.65, 0.21, 0.08, 40),
-        circle_polygon(0.65, 0.21, 0.08, 40),
-        circle_polygon(0, 0.75, 0.08, 40),
-    ]
+    holes = [circle_polygon(x, y, 0.08, 40) for x, y in ((-0.65, 0.21), (0.65, 0.21), (0, 0.75))]
     return Shape.of("t-plate", round_corners(ring, radii), [*holes, circle_polygon(0, 1.25, 0.08, 40)])
 
 

@@ -17,8 +17,9 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.files import whole_file
+from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import RankedGrasp
-from grasptrack.io.results import image_entry, outline_points, software_versions
+from grasptrack.io.results import software_versions
 from grasptrack.presentation import plain_value
 from grasptrack.trackability import Suitability
 from grasptrack.trackability.result import Held
@@ -41,6 +42,17 @@ GRASPS_UNITS = {
 }
 
 
+def _head(form: int, name: str, shape: tuple[int, ...], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Of what was found in one image."""
+    image = {"name": name, "width": shape[1], "height": shape[0]}
+    return {"format": form, "image": image, "options": dict(options), "versions": software_versions()}
+
+
+def _outline_points(view: View) -> list[Floats]:
+    """Points (n, 2) px of the outer contour, then of its holes, as files tell of them."""
+    return [contour.points.round(3) for contour in view.contours]
+
+
 # --- grasps.json ---------------------------------------------------------------------------------
 
 
@@ -55,20 +67,17 @@ def grasps_to_dict(
     own = {id(found.outline) for found in objects}
     others = {id(view): view for found in objects for view in found.neighbours if id(view) not in own}
     return {
-        "format": GRASPS_FORMAT,
-        "image": image_entry(name, shape),
-        "options": options,
-        "versions": software_versions(),
+        **_head(GRASPS_FORMAT, name, shape, options),
         "units": GRASPS_UNITS,
         "objects": [_object_entry(found, px_per_mm) for found in objects],
-        "neighbours": [outline_points(view) for view in others.values()],
+        "neighbours": [_outline_points(view) for view in others.values()],
     }
 
 
 def _object_entry(found: Planned, px_per_mm: float | None) -> dict[str, Any]:
     area, x, y, *_ = kernels.polygon_moments(found.outline.points, found.outline.offsets)
     return {
-        "outline": outline_points(found.outline),
+        "outline": _outline_points(found.outline),
         "area_px2": round(area, 3),
         "centroid": [round(x, 3), round(y, 3)],
         "hand_px": {key: round(float(value), 3) for key, value in found.hand._asdict().items()},
@@ -134,8 +143,8 @@ def inspection_to_dict(
         "grasp": None if found.grasp is None else _held_entry(found.grasp),
         "outline": [contour.points for contour in found.view.contours],
     }
-    head = {"format": INSPECTION_FORMAT, "image": image_entry(name, shape), "options": dict(options)}
-    return {**head, "versions": software_versions(), "files": files, **plain_value(measured, digits=6)}
+    head = _head(INSPECTION_FORMAT, name, shape, options)
+    return {**head, "files": files, **plain_value(measured, digits=6)}
 
 
 def _held_entry(grasp: Held) -> dict[str, Any]:
@@ -204,10 +213,7 @@ def instances_to_dict(
 ) -> dict[str, Any]:
     """Every instance with its pose and contacts, of an image of a name, as the user gave it, and (height, width) px."""
     return {
-        "format": INSTANCES_FORMAT,
-        "image": image_entry(name, shape),
-        "options": dict(options),
-        "versions": software_versions(),
+        **_head(INSTANCES_FORMAT, name, shape, options),
         "instances": [_instance_entry(number, one) for number, one in enumerate(found, 1)],
     }
 
@@ -227,7 +233,7 @@ def _instance_entry(number: int, one: Instance) -> dict[str, Any]:
         "edge": one.edge,
         "room_px": one.room,
         "homography": one.homography,
-        "outline": outline_points(one.view),
+        "outline": _outline_points(one.view),
         "turns_deg": list(one.turns),
         "stable": None if one.analysis is None else one.analysis.stable,
         "margin_deg": None if one.analysis is None else math.degrees(one.analysis.margin),

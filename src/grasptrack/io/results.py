@@ -21,10 +21,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from grasptrack.geometry.contours import View
 from grasptrack.io.columns import csv_cells, csv_columns
 from grasptrack.tracking.result import TrackResult
-from grasptrack.typing import Floats
 
 
 class GraspsCsv:
@@ -84,16 +82,6 @@ def _package_version(name: str) -> str:
         return version(name)
     except PackageNotFoundError:
         return "unknown"
-
-
-def image_entry(name: str, shape: tuple[int, ...]) -> dict[str, Any]:
-    """An image of a shape, (H, W) or (H, W, C), as files tell of it; the name is as the user gave it."""
-    return {"name": name, "width": shape[1], "height": shape[0]}
-
-
-def outline_points(view: View) -> list[Floats]:
-    """Points (n, 2) px of the outer contour, then of its holes, as files tell of them."""
-    return [contour.points.round(3) for contour in view.contours]
 
 
 STATUSES = ("tracked", "unstable", "lost", "searching")
