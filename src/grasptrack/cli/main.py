@@ -15,13 +15,12 @@ import typer
 
 from grasptrack.cli import help_groups
 from grasptrack.cli.demo import demo
-from grasptrack.cli.find import find
 from grasptrack.cli.help_groups import with_options
 from grasptrack.cli.inspect import inspect
 from grasptrack.cli.live import live
+from grasptrack.cli.parts import find, parts, teach
 from grasptrack.cli.support import cameras, doctor, models, tell_first_steps
 from grasptrack.cli.synthesize import synthesize
-from grasptrack.cli.teach import parts, teach
 from grasptrack.cli.terminal import (
     INTERRUPTED,
     RunInterruptedError,
