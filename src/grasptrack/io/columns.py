@@ -8,7 +8,7 @@ distances. A cell of grasps.csv is empty where there is no value; JSON has null 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
@@ -44,7 +44,6 @@ class CsvColumn(NamedTuple):
         digits: how grasps.csv writes a number, as a format.
         cells: names of its columns in grasps.csv, ``{i}`` being the contact's number; its name alone where empty.
         take: from an answer, angles in rad.
-        spread: its value as the numbers of its cells; one alone where None.
     """
 
     name: str
@@ -54,7 +53,6 @@ class CsvColumn(NamedTuple):
     digits: str = ""
     cells: str = ""
     take: Callable[[TrackResult], Any] | None = None
-    spread: Callable[[Any], list[Any]] | None = None
 
     def value_of(self, result: TrackResult) -> Any:
         """As a `TrackResult` has it, angles in rad; None or NaN where there is none."""
@@ -72,14 +70,12 @@ class CsvColumn(NamedTuple):
             return names
         return [name.format(i=i) for i in range(1, fingers + 1) for name in names]
 
-
-def _upper_triangles(covariances: Any) -> list[float]:
-    """xx, xy and yy of each of (k, 2, 2)."""
-    return [float(c[at]) for c in covariances for at in ((0, 0), (0, 1), (1, 1))]
-
-
-def _flat_list(values: Any) -> list[float]:
-    return values.ravel().tolist()  # type: ignore[no-any-return]
+    def cell_values(self, value: Any) -> list[Any]:
+        """The numbers of its cells: all of an array, xx, xy and yy of each covariance."""
+        if value is None or self.kind not in ("points", "shares", "matrices"):
+            return [] if value is None else [value]
+        flat: list[Any] = (value[:, (0, 0, 1), (0, 1, 1)] if self.kind == "matrices" else value).ravel().tolist()
+        return flat
 
 
 _TOLD = (
@@ -95,9 +91,8 @@ _TOLD = (
         _NO_CONTACTS,
         ".4f",
         cells="x{i} y{i}",
-        spread=_flat_list,
     ),
-    CsvColumn("seen", "shares", "0 to 1", _NO_CONTACTS, ".3f", cells="seen{i}", spread=_flat_list),
+    CsvColumn("seen", "shares", "0 to 1", _NO_CONTACTS, ".3f", cells="seen{i}"),
     CsvColumn(
         "margin",
         "number",
@@ -131,7 +126,6 @@ _TOLD = (
         "no contacts, or a strategy that gives none",
         ".9g",
         cells="h11 h12 h13 h21 h22 h23 h31 h32 h33",
-        spread=_flat_list,
     ),
     CsvColumn(
         "covariances",
@@ -141,7 +135,6 @@ _TOLD = (
         ".6g",
         cells="cov_xx{i} cov_xy{i} cov_yy{i}",
         take=attrgetter("covariance"),
-        spread=_upper_triangles,
     ),
     CsvColumn("edge", "number", "0 to 1, share of the outline", _NO_CONTACTS, ".3f"),
     CsvColumn("surface", "number", "0 to 1, share of the surface's patches", _NO_CONTACTS, ".3f"),
@@ -154,7 +147,6 @@ _TOLD = (
         _NO_CONTACTS,
         "d",
         cells="last_seen{i}",
-        spread=_flat_list,
     ),
 )
 _IN_DEGREES = tuple(column for column in _TOLD if column.unit == "degrees")
@@ -185,9 +177,8 @@ def csv_cells(result: TrackResult, index: int, time: float | None, fingers: int)
     cells: list[str] = []
     for column in COLUMNS + SCENE_COLUMNS * (result.instance_id is not None):
         value = of_frame[column.name] if column.name in of_frame else column.shown_value(result)
-        listed: Sequence[Any] = [] if value is None else [value] if column.spread is None else column.spread(value)
         count = len(column.cell_names(fingers))
-        written = [_format_cell(part, column.digits) for part in listed[:count]]
+        written = [_format_cell(part, column.digits) for part in column.cell_values(value)[:count]]
         cells += written + [""] * (count - len(written))
     return cells
 
