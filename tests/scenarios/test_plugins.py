@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from grasptrack.cli import main as program
+from grasptrack.cli import bench_verbs
 from grasptrack.cli.main import main
 from grasptrack.errors import bench_hint
 from recordings import plate, rows, write
@@ -169,11 +169,11 @@ def test_what_is_not_registered_is_told_in_one_line(outside: Path, words: tuple[
     assert len(done.stderr.strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize("verb", list(program.SHORT_HELP))
+@pytest.mark.parametrize("verb", list(bench_verbs.SHORT_HELP))
 def test_a_verb_whose_distribution_is_not_installed_is_named(
     verb: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(program, "load_plugin", lambda group, name: None)
+    monkeypatch.setattr(bench_verbs, "load_plugin", lambda group, name: None)
     assert main([verb, "--help"]) == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1 and f'"{verb}" is a verb of grasptrack-bench' in told and bench_hint() in told

@@ -9,11 +9,11 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from grasptrack.cli import help_groups
+from grasptrack.cli import bench_verbs, help_groups
 from grasptrack.cli.demo import demo
 from grasptrack.cli.help_groups import with_options
 from grasptrack.cli.inspect import inspect
@@ -31,41 +31,7 @@ from grasptrack.cli.terminal import (
 )
 from grasptrack.cli.track import track
 from grasptrack.cli.transfer import transfer
-from grasptrack.errors import GraspTrackError, InputError, ObservationError, bench_hint
-from grasptrack.plugins import load_plugin
-
-SHORT_HELP = {
-    "servo": "Approach a grasp, close and lift, in a physics simulation.",
-    "compare": "Compare two evaluations.",
-    "evaluate": "Measure every method, and write a report.",
-}
-"""Verbs that the distribution grasptrack-bench adds, in the order of the list: loaded when one is run, or named as missing."""
-
-
-class Verbs(help_groups.GroupedVerbs):
-    """All verbs. Those of grasptrack-bench are known by name until one of them is asked for."""
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The verb that the arguments begin with."""
-        if args and args[0] in SHORT_HELP:
-            self.add_command(load_verb(args[0]), args[0])
-        return super().resolve_command(ctx, args)
-
-
-def load_verb(name: str) -> Any:
-    """The command of a verb of grasptrack-bench."""
-    found = load_plugin("grasptrack.verbs", name)
-    if found is None:
-        raise InputError(f'"{name}" is a verb of grasptrack-bench, {bench_hint()}', name=name)
-    verbs = found
-    if not isinstance(found, typer.Typer):
-        verbs = typer.Typer(rich_markup_mode=None, add_completion=False)
-        verbs.command(name, cls=help_groups.GroupedCommand)(with_options(found))
-    command: Any = typer.main.get_command(verbs)
-    command.name = name
-    command.rich_help_panel, command.short_help = help_groups.MEASURE, SHORT_HELP[name]
-    return command
-
+from grasptrack.errors import GraspTrackError, InputError, ObservationError
 
 DONE, OTHER, BAD_INPUT = 0, 1, 2
 
@@ -93,7 +59,7 @@ refuses and from find when nothing is found, 130 after Ctrl-C, 1 anything else.
 
 app = typer.Typer(
     name="grasptrack",
-    cls=Verbs,
+    cls=bench_verbs.Verbs,
     help=_HELP,
     add_completion=False,
     rich_markup_mode=None,  # rich alone would cost more than all else in --help
@@ -139,7 +105,7 @@ _add_verb(transfer, help_groups.CHOOSE, "Transfer a grasp from one image to anot
 _add_verb(teach, help_groups.CHOOSE, "Teach a part from one image, and keep it on file.")
 _add_verb(find, help_groups.CHOOSE, "Find every instance of parts on file in an image.")
 _add_verb(parts, help_groups.CHOOSE, "List and draw the parts on file.")
-for _name, _short_help in SHORT_HELP.items():
+for _name, _short_help in bench_verbs.SHORT_HELP.items():
     app.command(_name, rich_help_panel=help_groups.MEASURE, short_help=_short_help)(lambda: None)
 _add_verb(cameras, help_groups.SUPPORT, "List the cameras that are attached.")
 app.add_typer(
