@@ -43,7 +43,7 @@ COMMAND = "tests/helpers/written_pages.py"
 WRITTEN = f"<!-- Written by {COMMAND}: change the code, then run it. -->"
 
 VERBS = (
-    "track", "live", "demo", "synthesize", "inspect", "transfer", "teach", "find", "parts", "servo",
+    "track", "live", "demo", "synthesize", "inspect", "transfer", "teach", "find", "parts", "servo", "pick",
     "evaluate scenes", "evaluate real", "evaluate pot", "compare", "cameras", "models", "models get", "doctor",
 )  # fmt: skip
 CLI_HEAD = f"""# Command line

@@ -207,7 +207,19 @@ def test_help_has_examples(given: list[str], capsys: pytest.CaptureFixture[str])
 
 
 HEAVY = {"av", "cv2", "distributed", "matplotlib", "mujoco", "numpy", "scipy"}
-VERBS = ("", "synthesize", "inspect", "track", "transfer", "demo", "servo", "evaluate", "evaluate scenes", "compare")
+VERBS = (
+    "",
+    "synthesize",
+    "inspect",
+    "track",
+    "transfer",
+    "demo",
+    "servo",
+    "pick",
+    "evaluate",
+    "evaluate scenes",
+    "compare",
+)
 
 
 def test_the_start_loads_nothing_heavy() -> None:

@@ -49,6 +49,7 @@ SHORT: dict[str, dict[str, str]] = {
     "parts": {},
     "demo": {"--frames": "2", "--no-video": ""},
     "servo": {"--no-video": "", "--shape": "bracket"},
+    "pick": {"--shape": "bracket", "--parts": "1"},
     "evaluate scenes": {"--shapes": "bracket", "--disturbances": "clean-4dof", "--frames": "2", "--workers": "1"},
     "evaluate real": {"--workers": "1"},
     "evaluate pot": {"--workers": "1"},
@@ -58,7 +59,13 @@ SHORT: dict[str, dict[str, str]] = {
     "doctor": {},
     "models get": {},
 }
-FEWER = {"--trials": "1", "--repeats": "1", "--runs": "1", "--shape": "bracket"}  # wherever a page gives them
+FEWER = {
+    "--trials": "1",
+    "--trays": "1",
+    "--repeats": "1",
+    "--runs": "1",
+    "--shape": "bracket",
+}  # wherever a page gives them
 LEFT_OUT = ("--output", "--seed")
 """Options whose value makes no other command, wherever a page gives them."""
 DROPPED = {

@@ -96,6 +96,7 @@ class Row:
         tries: how often the hand closed. What is told above of closing is of the last time.
         noticed: the fingers had nothing between them when they closed for the first time, and the servo knew; empty where they
             held something, or never closed.
+        wrong: how often the hand closed and was not `right`.
     """
 
     seed: int
@@ -125,6 +126,7 @@ class Row:
     fingers: int = 2
     tries: int = 0
     noticed: bool | None = None
+    wrong: int = 0
 
     def values(self) -> dict[str, Any]:
         """By the names of the columns."""

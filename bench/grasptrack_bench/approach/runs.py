@@ -111,7 +111,6 @@ def run_and_film(
 
 TABLE, INDEX, FAILURES, FORMAT = "trials.csv", "trials.json", "failures", 1
 MEASURED = "time_s", "error_px", "contact_error_px", "aside_mm", "servo_ms", "loop_ms", "loop_p99_ms", "look_ms"
-COLUMNS = tuple(f.name for f in fields(Row))
 
 
 def draw_cases(
@@ -241,7 +240,7 @@ def run_trials(
     with hold_folder(output):
         rows = _rows_before(output, head, cases)
         trials, left = Trials(resumed=len(rows)), [i for i in range(len(cases)) if i not in rows]
-        _write_table(output / TABLE, [rows[i] for i in sorted(rows)])
+        write_trial_rows(output / TABLE, [rows[i] for i in sorted(rows)])
         write_json(output / INDEX, {**head, "ended": "running"})
         if progress is not None:
             progress("trials", len(rows), len(cases))
@@ -256,7 +255,7 @@ def run_trials(
                     with whole_file(_picture_file(output, case)) as part:
                         part.write_bytes(picture)
                 rows[left[outcome.index]] = _parse_row(_format_row(row))  # as one that is gone on with will read it
-                _write_table(output / TABLE, [rows[i] for i in sorted(rows)])  # whatever stops the rest
+                write_trial_rows(output / TABLE, [rows[i] for i in sorted(rows)])  # whatever stops the rest
             if progress is not None:
                 progress("trials", len(rows) + len(trials.broken), len(cases))
         trials.rows = [rows[i] for i in sorted(rows)]
@@ -290,10 +289,11 @@ def _finite_median(values: list[float]) -> float | None:
     return round(float(np.median(known)), 3) if known else None
 
 
-def _write_table(path: Path, rows: Sequence[Row]) -> None:
+def write_trial_rows(path: Path, rows: Sequence[Row], kind: type[Row] = Row) -> None:
+    """A table of rows of one kind, with a header, whole at any moment."""
     with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
+        writer.writerow(f.name for f in fields(kind))
         writer.writerows(_format_row(row).values() for row in rows)
 
 

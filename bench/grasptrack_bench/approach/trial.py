@@ -9,7 +9,7 @@ import zlib
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,8 +145,21 @@ class Step:
 Watch = Callable[[World, Step], None]
 
 
+class ClosingSight(Protocol):
+    """What follows a grasp down to where the fingers close, and may choose it anew; `again` and `looked` as of `Looking`."""
+
+    again: int
+    looked: bool
+
+    def update(self, image: NDArray[Any], time: float, *, look: bool = True) -> TrackResult:
+        """What is seen now; `look` allows for a look at the whole image."""
+        ...
+
+
 @dataclass
-class _Run:
+class TrialRun:
+    """A trial on its way: the world, what is tried, what has become of it so far, and who watches."""
+
     world: World
     case: ApproachCase
     row: Row
@@ -158,6 +171,7 @@ class _Run:
     truth: Floats | None = None  # the chosen contacts on the part, m
     seen: Step | None = None  # the last in which the grasp was seen, ...
     missed: Step | None = None  # ... and the first after it
+    locate: Callable[[World, Floats], Floats] = on_part  # where contacts that are chosen on the way lie on the part, m
 
     def later(self, stage: str) -> Callable[[], None]:
         """What tells of steps without images of the loop's own."""
@@ -165,6 +179,7 @@ class _Run:
         return lambda: self.tell(Step(stage, self.world.time(), None, last.result, last.command))
 
     def tell(self, step: Step) -> None:
+        """Keep the step, and tell whoever watches."""
         self.step = step
         if step.image is not None and step.result is not None:
             if step.result.contacts is not None:
@@ -190,7 +205,7 @@ def run_trial(case: ApproachCase, watch: Watch | None = None) -> tuple[Row, byte
         images=case.images,
         axis=grasp_axis_angle(case.shape, make_gripper(case.fingers)),
     )
-    run = _Run(world, case, row, watch)
+    run = TrialRun(world, case, row, watch)
     try:
         _run_approach(run)
     except GraspTrackError as error:
@@ -214,7 +229,7 @@ def run_trial(case: ApproachCase, watch: Watch | None = None) -> tuple[Row, byte
         return row, b""
 
 
-def _run_approach(run: _Run) -> None:
+def _run_approach(run: TrialRun) -> None:
     world, row = run.world, run.row
     tips, opening = world.fingertips()
     ignore = world.ignore()
@@ -243,6 +258,27 @@ def _run_approach(run: _Run) -> None:
     goal = Goal.fingertips(tips, apart, beyond_m=-ABOVE)
     dof, pulled = 6 if world.arm == "arm" else 4, run.case.scenario == "pulled"
     servo = GraspServo(goal, dof, law=run.case.law, camera=_nominal_camera(run.case.law), retries=RETRIES * pulled)
+    if not close_on_part(run, servo, looking, tips, opening, by_opening=pulled):
+        return
+    world.watch = run.later("lift")
+    if world.lift():
+        row.outcome = "lifted"
+    else:
+        row.reason = world.failure
+
+
+def close_on_part(
+    run: TrialRun, servo: GraspServo, looking: ClosingSight, tips: Floats, opening: float, *, by_opening: bool
+) -> bool:
+    """Let the servo bring the hand to the grasp, and close; whether the servo says that something is held.
+
+    Args:
+        run: its row is told how it went.
+        servo, looking: what moves the hand, and what follows the grasp.
+        tips, opening: (k, 2) px of the fingertips, and m between them where they are seen.
+        by_opening: the servo is told the gripper's opening alone, not whether fingers press on something.
+    """
+    world, row = run.world, run.row
     twist = np.zeros(6)
     _process_buffered_frames(run, looking, twist)
     world.move(twist)
@@ -256,7 +292,7 @@ def _run_approach(run: _Run) -> None:
             if looking.again > row.again:
                 row.again = looking.again
                 assert result.contacts is not None  # they were chosen in this image
-                run.truth = on_part(world, result.contacts)
+                run.truth = run.locate(world, result.contacts)
             image, result = _process_buffered_frames(run, looking, twist)
         decided = clock.perf_counter()
         command = servo.update(result, time=world.time(), pose=world.pose())
@@ -272,13 +308,14 @@ def _run_approach(run: _Run) -> None:
             row.believed = bool(result.status == "tracked" and result.contacts is not None)
             if run.truth is not None and result.contacts is not None:
                 record_closing_errors(row, world, run.truth, result.contacts)
+                row.wrong += row.right is False
         world.move(twist)
         if command.close:
             width = width_in_m(result.contacts, tips, opening) if result.contacts is not None else None
             world.watch = run.later("close")
             held = world.close(width)
             world.watch = None
-            if pulled:  # the opening alone has to tell
+            if by_opening:
                 servo.closed(opening=world.opening())
             else:
                 servo.closed(held)
@@ -293,15 +330,12 @@ def _run_approach(run: _Run) -> None:
             servo.touched()
     if servo.state != "done":
         row.reason = servo.reason if command.close else f"servo: {servo.reason}"
-        return
-    world.watch = run.later("lift")
-    if world.lift():
-        row.outcome = "lifted"
-    else:
-        row.reason = world.failure
+    return servo.state == "done"
 
 
-def _process_buffered_frames(run: _Run, looking: Looking, twist: Floats) -> tuple[NDArray[np.uint8], TrackResult]:
+def _process_buffered_frames(
+    run: TrialRun, looking: ClosingSight, twist: Floats
+) -> tuple[NDArray[np.uint8], TrackResult]:
     """What has become of it while the whole image was looked at: the last image since, and what is seen there."""
     came = []
     for _ in range(LOOK_PERIODS):
@@ -313,7 +347,7 @@ def _process_buffered_frames(run: _Run, looking: Looking, twist: Floats) -> tupl
     return came[-1][0], results[-1]
 
 
-def _record_start_state(run: _Run, contacts: Floats, tips: Floats) -> None:
+def _record_start_state(run: TrialRun, contacts: Floats, tips: Floats) -> None:
     """How far off the view is at the start, and where the chosen contacts truly are."""
     world, row = run.world, run.row
     run.truth = on_part(world, contacts)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
@@ -21,7 +21,7 @@ from grasptrack_bench.physics.serial import Rod
 from grasptrack_bench.physics.setting import HEIGHT, WIDTH, Setting
 from grasptrack_bench.simulation.conditions import pooled_noise
 from grasptrack_bench.simulation.render import Renderer
-from grasptrack_bench.simulation.textures import SceneAppearance, TextureMap, sample_look
+from grasptrack_bench.simulation.textures import SceneAppearance, TextureMap, another_surface, sample_look
 
 if TYPE_CHECKING:
     from grasptrack_bench.physics.world import World
@@ -138,6 +138,11 @@ class PlanarImages:
         table = TextureMap(seen.table.image, seen.table.extent * size)
         surface = TextureMap(seen.surface.image, seen.surface.extent * size)
         self._view = Renderer(setting.part.shape, table, surface, width=WIDTH, height=HEIGHT, blur=BLUR, colour=False)
+        self._surfaces = [surface]
+        rng = np.random.default_rng((seed, 18))
+        for _ in setting.beside:
+            other = another_surface(seen.surface_level, rng)
+            self._surfaces.append(TextureMap(other.image, other.extent * size))
         self._layer: tuple[float, Layer] | None = None
 
     def bind(self, model: Any) -> None:
@@ -148,7 +153,7 @@ class PlanarImages:
         frame = frame_number(world)
         if world.blocked():
             return blocked_view(self._seed, frame)
-        image = draw_scene(world, self._view, self._setting.camera.matrix, world.camera_pose())
+        image = self.scene_from(world, self._setting.camera.matrix, world.camera_pose())
         opening = round(world.opening(), 4)
         if self._layer is None or self._layer[0] != opening:
             boxes = self._gripper.boxes(opening)
@@ -161,22 +166,33 @@ class PlanarImages:
         image += light
         return add_camera_noise(image, self._seed, frame)
 
+    def scene_from(self, world: World, K: Floats, camera_pose: Floats) -> Floats32:
+        """(480, 640) grey levels of table and parts, as a camera with intrinsics (3, 3) at a pose (4, 4) sees them."""
+        return draw_scene(world, self._view, K, camera_pose, surfaces=self._surfaces)
+
 
 def draw_scene(
-    world: World, view: Renderer, K: Floats, camera_pose: Floats, shade: Callable[[Floats32], None] | None = None
+    world: World,
+    view: Renderer,
+    K: Floats,
+    camera_pose: Floats,
+    shade: Callable[[Floats32], None] | None = None,
+    surfaces: Sequence[TextureMap] = (),
 ) -> Floats32:
-    """Table and part, without the hand: grey levels (480, 640), or (480, 640, 3) BGR from a renderer of colours.
+    """Table and parts, without the hand: grey levels (480, 640), or (480, 640, 3) BGR from a renderer of colours.
 
-    `shade` takes the light of shadows from the table, in place, before the part is drawn.
+    `shade` takes the light of shadows from the table, in place, before parts are drawn; `surfaces` are theirs, else the
+    renderer's.
     """
     table = np.eye(4)
     table[:2, 3] = world.belt_travel()
     image = view.render_background(frames.plane_to_image(K, camera_pose, table))
     if shade is not None:
         shade(image)
-    part = world.part_pose()
-    upper = frames.plane_to_image(K, camera_pose, part, world.setting.part.thickness)
-    view.draw_part(image, upper, foot=frames.plane_to_image(K, camera_pose, part))
+    for number, part in sorted(world.part_poses().items(), key=lambda each: each[1][2, 3]):
+        upper = frames.plane_to_image(K, camera_pose, part, world.setting.part.thickness)
+        surface = surfaces[number] if surfaces else None
+        view.draw_part(image, upper, surface=surface, foot=frames.plane_to_image(K, camera_pose, part))
     return image
 
 

@@ -137,7 +137,7 @@ def build_model_xml(
 ) -> str:
     """The model in MuJoCo's own language.
 
-    The part's convex pieces touch fingers only, and it stands on points of its convex hull, as a flat part
+    Convex pieces of a part touch fingers and other parts, and it stands on points of its convex hull, as a flat part
     does: that is what keeps the number of contacts small.
 
     Args:
@@ -159,7 +159,7 @@ def build_model_xml(
 <headlight ambient=".7 .7 .7" diffuse=".25 .25 .25" specular="0 0 0"/><map znear="0.002" zfar="40"/></visual>
 <default>
  <geom contype="0" conaffinity="0"/>
- <default class="piece"><geom type="mesh" contype="2" mass="0" rgba="{grey["part"]}"/></default>
+ <default class="piece"><geom type="mesh" contype="2" conaffinity="2" mass="0" rgba="{grey["part"]}"/></default>
  <default class="pad"><geom type="box" contype="4" conaffinity="2" condim="4" friction="{FRICTION} .004 .0001"
   priority="1" solref=".004 1" solimp=".95 .99 .001" rgba="{grey["hand"]}"/></default>
  <default class="shaft"><geom type="box" contype="4" conaffinity="2" friction=".3" rgba="{grey["hand"]}"/></default>
@@ -173,7 +173,7 @@ def build_model_xml(
 <body name="table"><joint name="belt" type="slide" axis="{math.cos(way):.9f} {math.sin(way):.9f} 0" limited="false"/>
  <geom name="table" type="box" pos="0 0 -.05" size="{TABLE} {TABLE} .05" mass="5000" conaffinity="12" friction=".5"
   material="table"/></body>
-{_part_body_xml(setting)}
+{_part_bodies_xml(setting)}
 {_arm_bodies_xml(setting, hand, arm, grey["hand"])}
 <body name="bystander" mocap="true"><camera name="bystander" fovy="40"/></body>
 </worldbody>
@@ -191,13 +191,23 @@ def _mesh_assets_xml(setting: Setting) -> str:
     return "\n".join(found)
 
 
-def _part_body_xml(setting: Setting) -> str:
+def part_names(setting: Setting) -> list[str]:
+    """Names of the parts' bodies, the first one's first."""
+    return ["part", *(f"part{n}" for n in range(1, 1 + len(setting.beside)))]
+
+
+def _part_bodies_xml(setting: Setting) -> str:
+    places = (setting.place, *setting.beside)
+    return "\n".join(_part_body_xml(setting, *each) for each in zip(part_names(setting), places, strict=True))
+
+
+def _part_body_xml(setting: Setting, name: str, place: Floats) -> str:
     part = setting.part
-    at, q = setting.place[:3, 3], frames.rotation_to_quaternion(setting.place[:3, :3])
+    at, q = place[:3, 3], frames.rotation_to_quaternion(place[:3, :3])
     turned = frames.rotation_to_quaternion(rotation_about_z(part.axis))
     pieces = "".join(f'<geom class="piece" mesh="piece{n}"/>' for n in range(len(part.pieces)))
     feet = "".join(f'<geom class="foot" pos="{x:.7g} {y:.7g} {FOOT}"/>' for x, y in part.feet)
-    return f"""<body name="part" pos="{_format_numbers(at)}" quat="{_format_numbers(q)}"><freejoint name="part"/>
+    return f"""<body name="{name}" pos="{_format_numbers(at)}" quat="{_format_numbers(q)}"><freejoint name="{name}"/>
 <inertial pos="0 0 {part.thickness / 2.0:.6g}" quat="{_format_numbers(turned)}" mass="{part.mass:.6g}"
  diaginertia="{_format_numbers(part.inertia)}"/>
 {pieces}{feet}</body>"""

@@ -56,6 +56,7 @@ class Setting:
         push: time in s, velocity (2,) in m/s and turn in rad/s of the part while somebody pushes it for a moment; None.
         blackout: s, when the view is blocked; infinite where it is not.
         pulls: ways in which somebody may pull the part away when the hand closes for the first time; empty where nobody does.
+        beside: (4, 4) of further parts like it on the table, in the world, at the start.
     """
 
     part: Body
@@ -67,6 +68,7 @@ class Setting:
     push: tuple[float, Floats, float] | None
     blackout: float
     pulls: tuple[Pull, ...] = ()
+    beside: tuple[Floats, ...] = ()
 
 
 def sample_setting(

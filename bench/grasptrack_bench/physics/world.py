@@ -18,7 +18,7 @@ from grasptrack_bench.physics.images import Images, images_of
 from grasptrack_bench.physics.model import import_mujoco
 from grasptrack_bench.physics.pull import PULL_S, Pull, choose_pull
 from grasptrack_bench.physics.serial import joint_rates
-from grasptrack_bench.physics.setting import BLACKOUT_S, Arm, Scenario, hand_mask, sample_setting
+from grasptrack_bench.physics.setting import BLACKOUT_S, Arm, Scenario, Setting, hand_mask, sample_setting
 from grasptrack_bench.simulation.outlines import Shape
 
 PERIOD_S = 0.04
@@ -54,8 +54,11 @@ class World:
         images: "mujoco" draws the camera's images by MuJoCo, which needs offscreen OpenGL; "planar" by this package, which
             needs none and is several times as fast; "auto" by MuJoCo where it can.
         axis: see `setting.draw`.
+        setting: in place of the one that the seed decides.
 
     Attributes:
+        chosen: number of the part that the truth, a push and a pull are of: 0, or that of one beside it.
+        gone: numbers of the parts that were taken away.
         images: who draws the hand's.
         watch: called once in every control period, also while the hand closes and lifts; None.
         failure: after a lift that failed, how.
@@ -72,10 +75,13 @@ class World:
         fingers: Literal[2, 3] = 2,
         images: Literal["auto", "mujoco", "planar"] = "auto",
         axis: float | None = None,
+        setting: Setting | None = None,
     ) -> None:
         self._mj = import_mujoco()
         self.hand = make_gripper(fingers)
-        self.setting = sample_setting(outline, self.hand, seed=seed, scenario=scenario, arm=arm, axis=axis)
+        if setting is None:
+            setting = sample_setting(outline, self.hand, seed=seed, scenario=scenario, arm=arm, axis=axis)
+        self.setting, self.chosen, self.gone = setting, 0, set[int]()
         self.shape, self.seed, self.scenario, self.arm = outline, seed, scenario, arm
         self.images: Images = images_of(images, self.setting, self.hand, outline.name, seed)
         self.model = self._mj.MjModel.from_xml_string(
@@ -100,7 +106,9 @@ class World:
         self._dofs = np.array([m.joint(name).dofadr[0] for name in model.joint_names(self.arm)])
         self._qpos = np.array([m.joint(name).qposadr[0] for name in model.joint_names(self.arm)])
         self._belt = int(m.joint("belt").dofadr[0])
-        self._part, self._part_dof = int(m.body("part").id), int(m.joint("part").dofadr[0])
+        names = model.part_names(self.setting)
+        self._parts = [int(m.body(name).id) for name in names]
+        self._part_dofs = [int(m.joint(name).dofadr[0]) for name in names]
         self._tip = int(m.site("tip").id)
         self._finger = [int(m.joint(f"finger{i}").qposadr[0]) for i in range(self.hand.fingers)]
         self._pads = {int(m.geom(f"pad{i}").id): i for i in range(self.hand.fingers)}
@@ -112,7 +120,8 @@ class World:
         """The joints at which the hand is where the setting wants it."""
         self.data.qpos[self._qpos] = model.start_joints(self.setting, self.arm)
         self.data.qvel[self._belt] = float(np.hypot(*self.setting.belt))
-        self.data.qvel[self._part_dof : self._part_dof + 2] = self.setting.belt
+        for dof in self._part_dofs:
+            self.data.qvel[dof : dof + 2] = self.setting.belt
         self._mj.mj_forward(self.model, self.data)
 
     # --- what a robot's driver offers --------------------------------------------------------------
@@ -188,7 +197,11 @@ class World:
             self._close_to_opening(along, min(MAX_OPENING, width + 2.0 * BESIDE))
         self._descend_to_contact(along)
         self._close_fingers(along)
-        return self._is_holding_part()
+        return self.holds()
+
+    def holds(self) -> bool:
+        """Two fingers that press hold something; of three, one may have come too late and find it held."""
+        return self.opening() > 0.001 and int((self.finger_forces() > 1.0).sum()) >= 2
 
     def open(self) -> None:
         """Open the fingers again as far as they go; the hand goes on as it was told last."""
@@ -201,14 +214,15 @@ class World:
 
     def lift(self) -> bool:
         """Raise the hand by 12 cm, wait a second, and tell whether the part came along by 5 cm and stayed."""
-        start = float(self.data.xpos[self._part][2])
+        part = self._parts[self.chosen]
+        start = float(self.data.xpos[part][2])
         up = self.pose()[:3, :3].T @ np.array([0.0, 0.0, 0.12])
         for _ in range(25):
             self.move([*up, 0.0, 0.0, 0.0])
         heights = []
         for _ in range(25):
             self.move(np.zeros(6))
-            heights.append(float(self.data.xpos[self._part][2]) - start)
+            heights.append(float(self.data.xpos[part][2]) - start)
         self.failure = "" if min(heights) >= LIFTED else "slipped" if max(heights) > 0.004 else "stayed on the table"
         return min(heights) >= LIFTED
 
@@ -237,7 +251,23 @@ class World:
 
     def part_pose(self) -> Floats:
         """(4, 4) of the part in the world; its origin is at the centroid of its foot."""
-        return frames.pose_of(self.data.xmat[self._part].reshape(3, 3).copy(), self.data.xpos[self._part].copy())
+        return self._pose_of_part(self.chosen)
+
+    def part_poses(self) -> dict[int, Floats]:
+        """(4, 4) of each part that is still there, by its number."""
+        return {k: self._pose_of_part(k) for k in range(len(self._parts)) if k not in self.gone}
+
+    def _pose_of_part(self, number: int) -> Floats:
+        part = self._parts[number]
+        return frames.pose_of(self.data.xmat[part].reshape(3, 3).copy(), self.data.xpos[part].copy())
+
+    def take_away(self, number: int) -> None:
+        """A part is nowhere any more: nothing touches it, and no image shows it."""
+        part, dof = self._parts[number], self._part_dofs[number]
+        own = self.model.geom_bodyid == part
+        self.model.geom_contype[own] = self.model.geom_conaffinity[own] = 0
+        self.model.body_gravcomp[part], self.data.qvel[dof : dof + 6] = 1.0, 0.0
+        self.gone.add(number)
 
     def camera_pose(self) -> Floats:
         """(4, 4) of the hand's camera in the world."""
@@ -290,7 +320,7 @@ class World:
 
     def _apply_push(self) -> None:
         """Somebody's finger: it makes the part move at a speed for a moment, and lets go."""
-        force = self.data.xfrc_applied[self._part]
+        force = self.data.xfrc_applied[self._parts[self.chosen]]
         force[:] = 0.0
         if self._pull is not None:
             start, pull = self._pull
@@ -304,7 +334,8 @@ class World:
 
     def _force_toward(self, velocity: Floats, turn: float, firm: float) -> Floats:
         """(6,) N and N m that bring the part to a velocity (2,) and a turn, m/s and rad/s, at so much of the difference a s."""
-        mass, qvel, force = self.setting.part.mass, self.data.qvel[self._part_dof : self._part_dof + 6], np.zeros(6)
+        dof, force = self._part_dofs[self.chosen], np.zeros(6)
+        mass, qvel = self.setting.part.mass, self.data.qvel[dof : dof + 6]
         force[:2] = firm * mass * (velocity - qvel[:2])
         force[5] = firm * float(self.setting.part.inertia[2]) * (turn - qvel[5])
         return force
@@ -355,7 +386,3 @@ class World:
         self.data.ctrl[self._grip] = squeeze
         for _ in range(50):
             self._step_physics(along)
-
-    def _is_holding_part(self) -> bool:
-        """Two fingers that press hold something; of three, one may have come too late and find it held."""
-        return self.opening() > 0.001 and int((self.finger_forces() > 1.0).sum()) >= 2

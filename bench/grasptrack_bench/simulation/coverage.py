@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.typing import Floats, Floats32
+from grasptrack.typing import Floats, Floats32, Ints
 
 REACH = 4.0  # sigmas; beyond, coverage differs from 0 or 1 by less than 4e-5, a hundredth of a grey level
 PIECE = 4.0  # px; long edges are cut so that each piece looks only at the pixels around itself
@@ -117,7 +117,7 @@ def side_faces(
     Returns:
         None where no side is seen. The brightness is 1 on average and differs by the side's direction.
     """
-    faces: list[tuple[float, float, Floats, int]] = []
+    faces: list[tuple[float, int, Ints]] = []
     print_on = np.ones((1, 1), np.float32) if relief is None else relief
     down = np.linspace(0.0, 1.0, len(print_on) + 1)[:, None]
     for upper, lower in zip(top, foot, strict=True):
@@ -127,20 +127,22 @@ def side_faces(
         seen = diagonal[:, 0] * other[:, 1] - diagonal[:, 1] * other[:, 0]  # twice the area; the near side is negative
         side = b - a
         lit = np.cos(np.arctan2(-side[:, 0], side[:, 1]) - SUN)
-        for i in np.flatnonzero(seen < -1e-9):
-            way = 0.5 * (c[i] + d[i] - a[i] - b[i])
-            depth = float((a[i] + b[i]) @ way / max(1e-12, float(np.hypot(*way))))
-            faces.append((depth, float(lit[i]), np.array([a[i], b[i], c[i], d[i]]), int(i)))
+        way = 0.5 * (c + d - a - b)
+        depth = ((a + b) * way).sum(axis=1) / np.maximum(1e-12, np.hypot(way[:, 0], way[:, 1]))
+        i = np.flatnonzero(seen < -1e-9)
+        left, right = (p[i, None] + down * (q - p)[i, None] for p, q in ((a, d), (b, c)))
+        pieces = np.stack([left[:, :-1], right[:, :-1], right[:, 1:], left[:, 1:]], axis=2)
+        corners = np.rint(((pieces + 0.5) * FINER - 0.5) * 16.0).astype(np.int32)
+        tones = print_on[:, i % print_on.shape[1]].T.astype(np.float64)
+        levels = np.clip(np.rint(200.0 * (1.0 + 0.2 * lit[i])[:, None] * tones), 1, 255).astype(int)
+        for k in range(len(i)):
+            faces += zip([float(depth[i[k]])] * len(down[1:]), levels[k].tolist(), corners[k], strict=True)
     if not faces:
         return None
     shape = (height * FINER, width * FINER)
     bright = np.zeros(shape, np.uint8)
-    for _, lit_by, face, column in sorted(faces, key=lambda f: f[0]):  # the nearer ones last
-        left, right = face[0] + down * (face[3] - face[0]), face[1] + down * (face[2] - face[1])
-        for k, tone in enumerate(print_on[:, column % print_on.shape[1]].tolist()):
-            piece = np.array([left[k], right[k], right[k + 1], left[k + 1]])
-            corners = np.rint(((piece + 0.5) * FINER - 0.5) * 16.0).astype(np.int32)
-            cv2.fillPoly(bright, [corners], min(255, max(1, round(200.0 * (1.0 + 0.2 * lit_by) * tone))), shift=4)
+    for _, level, corner in sorted(faces, key=lambda f: f[0]):  # the nearer ones last
+        cv2.fillPoly(bright, [corner], level, shift=4)
     upper_face = inside_mask([(p + 0.5) * FINER - 0.5 for p in top], shape[1], shape[0])
     bright[upper_face] = 0
     drawn = np.where(bright > 0, np.uint8(255), np.uint8(0))  # no side is black

@@ -12,6 +12,7 @@ from grasptrack.plugins import load_plugin
 
 SHORT_HELP = {
     "servo": "Approach a grasp, close and lift, in a physics simulation.",
+    "pick": "Empty trays of parts, in a physics simulation.",
     "compare": "Compare two evaluations.",
     "evaluate": "Measure every method, and write a report.",
 }
@@ -30,13 +31,12 @@ class Verbs(help_groups.GroupedVerbs):
 
 def load_verb(name: str) -> Any:
     """The command of a verb of grasptrack-bench."""
-    found = load_plugin("grasptrack.verbs", name)
-    if found is None:
+    verbs = load_plugin("grasptrack.verbs", name)
+    if verbs is None:
         raise InputError(f'"{name}" is a verb of grasptrack-bench, {bench_hint()}', name=name)
-    verbs = found
-    if not isinstance(found, typer.Typer):
-        verbs = typer.Typer(rich_markup_mode=None, add_completion=False)
-        verbs.command(name, cls=help_groups.GroupedCommand)(with_options(found))
+    if not isinstance(verbs, typer.Typer):
+        function, verbs = verbs, typer.Typer(rich_markup_mode=None, add_completion=False)
+        verbs.command(name, cls=help_groups.GroupedCommand)(with_options(function))
     command: Any = typer.main.get_command(verbs)
     command.name = name
     command.rich_help_panel, command.short_help = help_groups.MEASURE, SHORT_HELP[name]
