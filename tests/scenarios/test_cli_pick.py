@@ -22,7 +22,7 @@ from grasptrack_bench.approach.tray_runs import Trays, draw_tray_cases
 from grasptrack_bench.approach.trays import Emptied, PickRow, TrayCase
 from grasptrack_bench.approach.truth import record_closing_errors
 from grasptrack_bench.physics import frames
-from grasptrack_bench.physics.tray import GAP, TRAY, fingers_in_view, looks_over, sample_tray, travel
+from grasptrack_bench.physics.tray import GAP, TRAY, fingers_in_view, looks_over, sample_tray, seen_from_above, travel
 from grasptrack_bench.simulation import SHAPES
 from test_cli_bad_input import refused
 
@@ -47,7 +47,7 @@ def test_bad_input_is_one_line_and_status_2(asked: list[str], told: str, capsys:
 @needs_mujoco
 @settings(max_examples=15, deadline=None)
 @given(st.sampled_from(sorted(SHAPES)), st.integers(1, 12), st.integers(0, 10**6))
-def test_parts_lie_apart_in_the_tray_and_each_is_seen_whole_from_some_look(name: str, count: int, seed: int) -> None:
+def test_parts_lie_apart_in_the_tray_and_each_is_seen_whole_and_not_far_aside(name: str, count: int, seed: int) -> None:
     try:
         setting = sample_tray(SHAPES[name](), count, seed=seed)
     except InputError:
@@ -61,7 +61,7 @@ def test_parts_lie_apart_in_the_tray_and_each_is_seen_whole_from_some_look(name:
         for other in lying[k + 1 :]:
             near = [cv2.pointPolygonTest(other.astype(np.float32), p, True) for p in ring.astype(np.float32).tolist()]
             assert max(near) < -0.5 * GAP
-    hidden = fingers_in_view(setting)
+    hidden, (aim, aside) = fingers_in_view(setting), seen_from_above(setting)
     for place in places:
         seen = []
         for look in looks_over(setting):
@@ -69,7 +69,8 @@ def test_parts_lie_apart_in_the_tray_and_each_is_seen_whole_from_some_look(name:
             drawn, ring = np.zeros_like(hidden), apply_homography(H, outer)
             cv2.fillPoly(drawn, [np.rint(ring).astype(np.int32)], (255,))
             inside = (ring > 0.0).all() and (ring < [hidden.shape[1] - 1.0, hidden.shape[0] - 1.0]).all()
-            seen.append(bool(inside and not (drawn & hidden).any()))
+            near = np.hypot(*(ring.mean(axis=0) - aim)) < aside
+            seen.append(bool(inside and near and not (drawn & hidden).any()))
         assert any(seen)
 
 

@@ -21,23 +21,28 @@ from grasptrack.io.parts import Part
 from grasptrack.servo import Goal, GraspServo, HandEye
 from grasptrack.tracking.instances import Instance, find
 from grasptrack.tracking.result import TrackResult
-from grasptrack.tracking.tracker import GraspTracker
+from grasptrack.tracking.scene import SceneResult, SceneTracker
 from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.approach.case import ApproachCase, Law
-from grasptrack_bench.approach.choosing import FRICTION
 from grasptrack_bench.approach.tray_picture import TrayPicture
 from grasptrack_bench.approach.trays import Emptied, PickRow, TrayCase, teach
 from grasptrack_bench.approach.trial import ABOVE, LEAST, RETRIES, WINDOW, Step, TrialRun, close_on_part
 from grasptrack_bench.physics.pull import whole_outline
-from grasptrack_bench.physics.tray import BIN, fingers_in_view, looks_over, sample_tray, taught_alone, travel
+from grasptrack_bench.physics.tray import (
+    BIN,
+    fingers_in_view,
+    looks_over,
+    sample_tray,
+    seen_from_above,
+    taught_alone,
+    travel,
+)
 from grasptrack_bench.physics.world import LIFTED, PERIOD_S, World
 
 LOOK_S = 0.5
 """s for which the hand stands while it looks for parts: longer than `find` takes on one core."""
 TRY_S = 12.0
 """s of an approach, three times what it usually takes, after which the hand looks again: a tray shows other views."""
-LARGER = 1.4
-"""Times as large as where it was chosen a part is seen when it is found anew."""
 TRIES = 2
 """How often a part is tried that lies where it lay."""
 MOST = 3
@@ -53,9 +58,7 @@ BIN_WIDTH = 0.15
 class TrayLooking:
     """Follows a grasp of a part among its equals, and looks for the part anew in what is seen now, as `find` does.
 
-    Seen aslant from afar, a part shows its sides; what is seen of them ends as the hand comes over it. So it is found anew
-    once it is seen so much larger, before which the hand goes no nearer, or where the tracker does not find it any more: then
-    any part will do.
+    It does so where the tracker does not find the grasp any more, and any part will do.
 
     Args:
         part: as it was taught, the grasp that is meant being its first.
@@ -65,59 +68,49 @@ class TrayLooking:
 
     Attributes:
         again, looked: as of `Looking`.
-        doubt: why the hand goes no nearer; empty where it does.
     """
 
     def __init__(self, part: Part, ignore: Pixels, risk: float, image: Pixels, time: float, one: Instance) -> None:
         self._part, self._ignore, self._risk = part, ignore, risk
         self._found: deque[bool] = deque(maxlen=WINDOW)
-        self._wait, self.again, self.looked, self.doubt = 0, 0, False, ""
+        self._wait, self.again, self.looked = 0, 0, False
+        self._last: TrackResult
         self._begin(image, time, one)
 
     def _begin(self, image: Pixels, time: float, one: Instance) -> TrackResult:
         """Follow it from this image on."""
-        self._size, self._middle = math.sqrt(one.view.outer.area), _middle(one)
-        outline, ignore = one.view.outer.points, self._ignore
-        self._tracker = GraspTracker(
-            grasp=one.contacts, outline=outline, ignore=ignore, friction=FRICTION, risk=self._risk
-        )
+        self._middle = _middle(one)
+        self._tracker = SceneTracker(self._part, instances=[one], risk=self._risk, ignore=self._ignore)
         self._found.extend([True] * WINDOW)
-        result: TrackResult = self._tracker.update(image, time)
-        return result
+        return self._follow(image, time)
+
+    def _follow(self, image: Pixels, time: float) -> TrackResult:
+        """What is seen of it; as before where it is not followed any more."""
+        told: SceneResult = self._tracker.update(image, time)
+        for result in told.results.values():
+            self._last = result
+        return self._last
 
     def update(self, image: Pixels, time: float, *, look: bool = True) -> TrackResult:
         """What is seen now."""
-        result: TrackResult = self._tracker.update(image, time)
-        tracked, larger = result.status == "tracked" and result.view is not None, False
-        self._found.append(tracked)
+        result = self._follow(image, time)
+        self._found.append(result.status == "tracked")
         self._wait = max(0, self._wait - 1)
         if result.view is not None:
-            self._middle, size = _middle(result), math.sqrt(result.view.outer.area)
-            larger = size > LARGER * self._size
-        lost = not tracked and sum(self._found) < LEAST * WINDOW
-        self.looked = look and self._wait == 0 and (larger or lost)
+            self._middle = _middle(result)
+        self.looked = look and not self._found[-1] and self._wait == 0 and sum(self._found) < LEAST * WINDOW
         if self.looked:
             self._wait = WINDOW
-            one = self._find_anew(image, None if lost else 0.5 * self._size)
-            if one is not None:
-                result, larger = self._begin(image, time, one), False
+            found = find(image, self._part, risk=self._risk, ignore=self._ignore)
+            near = min((one for one in found if not _why_not(one)), key=self._distance_to, default=None)
+            if near is not None:
+                result = self._begin(image, time, near)
                 self.again += 1
-        if not larger:
-            self.doubt = ""
-        grasp_id = None if result.grasp_id is None else result.grasp_id + self.again
-        return replace(result, grasp_id=grasp_id, object_sure=not larger)
+        return result if result.grasp_id is None else replace(result, grasp_id=result.grasp_id + self.again)
 
-    def _find_anew(self, image: Pixels, within: float | None) -> Instance | None:
-        """The part that can be taken and lies next to where the grasp was seen last, px."""
-        off, near = math.inf if within is None else within, None
-        for one in find(image, self._part, risk=self._risk, ignore=self._ignore):
-            if within is None and _why_not(one):
-                continue
-            away = float(np.hypot(*(_middle(one) - self._middle)))
-            if away < off:
-                off, near = away, one
-        self.doubt = "from near, the part is not recognised" if near is None else _why_not(near)
-        return None if self.doubt else near
+    def _distance_to(self, one: Instance) -> float:
+        """px from where the grasp was seen last."""
+        return float(np.hypot(*(_middle(one) - self._middle)))
 
 
 class TrayRobot:
@@ -147,6 +140,7 @@ class TrayRobot:
         self._tips, self._opening = self.world.fingertips()
         self._known: HandEye | None = None
         self._seen: list[list[Instance]] = [[] for _ in self.looks]
+        self._aim, self._aside_px = seen_from_above(setting)
         self._images: list[Floats] = [np.eye(4) for _ in self.looks]
         self._failed: list[tuple[int, Floats, str]] = []
 
@@ -178,11 +172,16 @@ class TrayRobot:
             if grasp == 0:
                 self._seen[at] = seen
             for one in seen:
-                if not _why_not(one) and len(self._failures_at(at, one)) < TRIES:
+                if not self._why_not(one) and len(self._failures_at(at, one)) < TRIES:
                     return image, one, grasp
-            if all(_why_not(one) != NO_ROOM for one in seen):
+            if all(self._why_not(one) != NO_ROOM for one in seen):
                 break
         return None
+
+    def _why_not(self, one: Instance) -> str:
+        """Why a part cannot be taken from where it is seen; empty where it can."""
+        aside = np.hypot(*(_middle(one) - self._aim)) > self._aside_px
+        return _why_not(one) or ("seen too far aside" if aside else "")
 
     def _failures_at(self, at: int, one: Instance) -> list[str]:
         near = SAME_PLACE * math.sqrt(one.view.outer.area)
@@ -206,7 +205,7 @@ class TrayRobot:
                 if failed:
                     reasons.insert(0, f"tried {len(failed)} times: {failed[-1]}")
                 else:
-                    reasons.append(_why_not(one) or "found at last, and not tried")
+                    reasons.append(self._why_not(one) or "found at last, and not tried")
             whole |= self._is_whole(pose)
         return next(iter(reasons), "not recognised" if whole else "in no view whole and beside the hand")
 
@@ -277,8 +276,6 @@ class TrayRobot:
         run.row.law, camera = law, None if known is None else known.nominal()
         servo = GraspServo(goal, 4, law=law, camera=camera, time_limit=TRY_S, retries=RETRIES)
         held = close_on_part(run, servo, looking, self._tips, self._opening, by_opening=True)
-        if looking.doubt and not held:
-            run.row.reason = looking.doubt
         if held and servo.calibration is not None:
             self._known = servo.calibration
         return held

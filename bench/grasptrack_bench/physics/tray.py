@@ -30,6 +30,8 @@ PLACES, LAYOUTS = 200, 50
 """Places that are drawn for a part, and layouts for a tray."""
 ABOVE_TRAY, ABOVE_TAUGHT = 0.20, 0.12
 """m of the fingertips above the table where the hand looks at the tray, and at the part that it is taught."""
+ASIDE_M = 0.075
+"""m along x and y between a part and where the nearest look is aimed: from farther aside it shows its sides instead."""
 BIN: Floats = np.array([0.50, 0.0, 0.14])
 """Where the hand lets go of what it holds."""
 SPEED, TURNING = 0.5, 1.2
@@ -101,14 +103,24 @@ def taught_alone(setting: Setting) -> Setting:
 
 
 def looks_over(setting: Setting) -> list[Floats]:
-    """Poses (4, 4) of the hand from which it sees every part of the tray whole, beside its own fingers."""
-    rows, reach = _free_rows(setting), 2.0 * float(np.hypot(*setting.part.shape.outer.T).max())
-    high = ABOVE_TRAY - setting.mount[2, 3]
-    sees = 0.9 * rows / setting.camera.matrix[0, 0] * high - reach
-    spread = TRAY[1] - reach
-    count = max(1, math.ceil(spread / max(sees, 0.25 * reach)))
-    middles = (np.arange(count) + 0.5) / count * spread - 0.5 * spread
-    return [_look_at(setting, np.array([0.0, y]), ABOVE_TRAY) for y in middles.tolist()]
+    """Poses (4, 4) of the hand from which it sees every part of the tray whole, beside its own fingers, and not far aside."""
+    reach = 2.0 * float(np.hypot(*setting.part.shape.outer.T).max())
+    spread = np.array(TRAY) - reach
+    seen = 0.9 * _free_rows(setting) / _px_per_m(setting) - reach
+    steps = np.minimum(2.0 * ASIDE_M, [math.inf, max(seen, 0.25 * reach)])
+    counts = np.maximum(1, np.ceil(spread / steps)).astype(int).tolist()
+    x, y = (((np.arange(n) + 0.5) / n - 0.5) * wide for n, wide in zip(counts, spread.tolist(), strict=True))
+    return [_look_at(setting, np.array([u, v]), ABOVE_TRAY) for v in y.tolist() for u in x.tolist()]
+
+
+def seen_from_above(setting: Setting) -> tuple[Floats, float]:
+    """(2,) px at which a look is aimed, and px round it within which parts are not seen far aside."""
+    return np.array([WIDTH / 2.0, _free_rows(setting) / 2.0]), 1.5 * ASIDE_M * _px_per_m(setting)
+
+
+def _px_per_m(setting: Setting) -> float:
+    """In the tray, from where the hand looks at it."""
+    return float(setting.camera.matrix[0, 0] / (ABOVE_TRAY - setting.mount[2, 3]))
 
 
 def _free_rows(setting: Setting) -> int:
@@ -126,7 +138,7 @@ def _look_at(setting: Setting, point: Floats, height: float) -> Floats:
     """(4, 4) of the hand so high above the table that sees a point (2,) m in the middle above its fingers, the image level."""
     x = setting.mount[:3, 0]  # of the image, in the hand
     R = rotation_about_z(math.atan2(x[1], x[0])) @ frames.DOWN
-    pixel = np.array([WIDTH / 2.0, _free_rows(setting) / 2.0, 1.0])
+    pixel = np.array([*seen_from_above(setting)[0], 1.0])
     offset = R @ setting.mount[:3, 3]
     ray = R @ setting.mount[:3, :3] @ np.linalg.inv(setting.camera.matrix) @ pixel
     along = (setting.part.thickness - height - offset[2]) / ray[2]
