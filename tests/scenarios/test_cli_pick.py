@@ -4,6 +4,7 @@
 import csv
 import json
 import math
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from grasptrack_bench.approach.trays import Emptied, PickRow, TrayCase
 from grasptrack_bench.approach.truth import record_closing_errors
 from grasptrack_bench.physics import frames
 from grasptrack_bench.physics.tray import GAP, TRAY, fingers_in_view, looks_over, sample_tray, seen_from_above, travel
+from grasptrack_bench.physics.world import World
 from grasptrack_bench.simulation import SHAPES
 from test_cli_bad_input import refused
 
@@ -120,6 +122,20 @@ def test_what_was_taken_away_is_seen_and_touched_no_more() -> None:
     cv2.fillPoly(drawn, [np.rint(apply_homography(H, world.setting.part.shape.outer)).astype(np.int32)], (255,))
     inside = cv2.erode(drawn, np.ones((9, 9), np.uint8)) > 0
     assert inside.any() and np.abs(world.image().astype(float) - before)[inside].mean() > 10.0
+
+
+@needs_mujoco
+@pytest.mark.parametrize(("apart", "touching"), [(0.02, True), (0.08, False)])
+def test_a_part_that_lies_against_another_one_is_told(apart: float, touching: bool) -> None:
+    shape = SHAPES["square"]()
+    beside = frames.pose_of(np.eye(3), np.array([apart, 0.0, 0.0]))
+    setting = replace(sample_tray(shape, 1, seed=2), place=np.eye(4), beside=(beside,))
+    world = World(shape, seed=2, images="planar", setting=setting)
+    told = set[bool]()
+    for _ in range(10):
+        world.move(np.zeros(6))
+        told.add(world.touches_another(0) and world.touches_another(1))
+    assert (True in told) is touching
 
 
 def test_figures_count_every_part_and_every_closing() -> None:

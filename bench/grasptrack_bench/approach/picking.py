@@ -207,6 +207,8 @@ class TrayRobot:
                 else:
                     reasons.append(self._why_not(one) or "found at last, and not tried")
             whole |= self._is_whole(pose)
+        if world.touches_another(number):
+            reasons.append("not recognised: it touches another part")
         return next(iter(reasons), "not recognised" if whole else "in no view whole and beside the hand")
 
     def _is_whole(self, camera: Floats) -> bool:

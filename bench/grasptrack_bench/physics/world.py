@@ -261,6 +261,11 @@ class World:
         part = self._parts[number]
         return frames.pose_of(self.data.xmat[part].reshape(3, 3).copy(), self.data.xpos[part].copy())
 
+    def touches_another(self, number: int) -> bool:
+        """Whether a part lies against another one, on it, or under it."""
+        pairs = (self.model.geom_bodyid[[c.geom1, c.geom2]].tolist() for c in self.data.contact[: self.data.ncon])
+        return any(self._parts[number] in pair and set(pair) <= set(self._parts) for pair in pairs)
+
     def take_away(self, number: int) -> None:
         """A part is nowhere any more: nothing touches it, and no image shows it."""
         part, dof = self._parts[number], self._part_dofs[number]
