@@ -143,13 +143,13 @@ def test_figures_count_every_part_and_every_closing() -> None:
         return PickRow(1, "key", "static", "gantry", "online", **told)  # type: ignore[arg-type]
 
     first = Emptied(
-        "a", 3, [pick(tries=2, empty=1, outcome="lifted"), pick(tries=1, wrong=1)], {2: "no room 3 px"}, 30.0
+        "a", 3, [pick(tries=2, empty=1, outcome="lifted"), pick(tries=2, wrong=2)], {2: "no room 3 px"}, 30.0
     )
     other = Emptied("b", 1, [pick(tries=1, others=1, outcome="lifted")], {}, 30.0)
     none = Emptied("c", 0, refused="no part was seen")
     figures = Trays([first, other, none], {"d": "ValueError"}, 4).index_figures()
     assert (figures["trays"], figures["emptied"], figures["parts"], figures["lifted"]) == (4, 1, 8, 3)
-    assert (figures["closed"], figures["closed_wrong"], figures["empty"]) == (4, 2, 1)
+    assert (figures["closed"], figures["closed_wrong"], figures["empty"]) == (5, 3, 1)
     assert figures["picks_an_hour"] == pytest.approx(180.0)
     assert figures["left"] == {"no room # px": 1} and figures["refused"] == {"c": "no part was seen"}
 

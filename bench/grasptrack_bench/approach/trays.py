@@ -72,9 +72,9 @@ class PickRow(Row):
     empty: int = 0
 
     @property
-    def closed_wrong(self) -> bool:
-        """The fingers closed elsewhere than where the chosen part was to be grasped, or on another part as well."""
-        return self.wrong > 0 or self.others > 0
+    def closed_wrong(self) -> int:
+        """How often the fingers closed elsewhere than where the chosen part was to be grasped, or on another part as well."""
+        return max(self.wrong, int(self.others > 0))
 
 
 @dataclass
