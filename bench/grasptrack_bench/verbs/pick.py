@@ -76,4 +76,4 @@ def _show_results(figures: dict[str, Any], output: Path) -> None:
     for what in ("refused", "broken"):
         rows += [[what, "", f"{name}: {why}"] for name, why in figures[what].items()]
     note = f"{figures['picks_an_hour']:.0f} picks an hour of simulated time; {output}: picks.csv, run.json, tray-*.png"
-    show_rows(f"{figures['emptied']} of {figures['trays']} trays emptied", ("<", ">", "<"), rows, [note])
+    show_rows(f"{figures['emptied']} of {figures['trays']} trays emptied", ("<", "parts", "<"), rows, [note])
