@@ -50,8 +50,9 @@ def test_bad_input_is_one_line_and_status_2(given: list[str], told: str, capsys:
     assert told in refused(["servo", *given], capsys)
 
 
+@pytest.mark.parametrize("verb", ["servo", "pick"])
 def test_without_the_extra_it_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    verb: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     real = builtins.__import__
 
@@ -61,7 +62,7 @@ def test_without_the_extra_it_says_what_to_install(
         return real(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    assert main(["servo"]) == 2
+    assert main([verb]) == 2
     assert install_hint("sim") in capsys.readouterr().err
 
 
