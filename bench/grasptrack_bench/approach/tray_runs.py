@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.documents import write_json
-from grasptrack.files import hold_folder, whole_file
+from grasptrack.files import hold_folder, whole_file, write_json
 from grasptrack.io.results import software_versions
 from grasptrack_bench.approach.picking import LOOK_S, run_tray
 from grasptrack_bench.approach.runs import kind_of, write_trial_rows
