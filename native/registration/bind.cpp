@@ -229,6 +229,14 @@ struct PoseTarget {
         return out;
     }
 
+    // The same estimate, known otherwise.
+    PoseEstimate known_by(const PoseEstimate &estimate, const Doubles &P) const {
+        PoseEstimate out = estimate;
+        out.P = fixed<64>(P, "P");
+        out.contacts = pose::placed_contacts(target, out.G, out.P);
+        return out;
+    }
+
     // How much patches would have changed since the last image, seen through `last`, and how far those moved that did not.
     nb::object repeats(const std::vector<Bytes> &before, const Doubles &last, const std::vector<Bytes> &levels, const Doubles &G) const {
         const pose::Pyramid old = seen(before), now = seen(levels);
@@ -423,6 +431,7 @@ void bind_registration(nb::module_ &m) {
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
         .def("difference", &PoseTarget::difference, "first"_a, "second"_a)
+        .def("known_by", &PoseTarget::known_by, "estimate"_a, "P"_a)
         .def("placed", &PoseTarget::placed, "G"_a, "P"_a)
         .def("joined", &PoseTarget::joined, "G"_a, "P"_a, "other"_a, "Q"_a)
         .def("plane_cost", &PoseTarget::plane_cost, "views"_a, "theta"_a)

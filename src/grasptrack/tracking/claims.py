@@ -46,11 +46,12 @@ from grasptrack.tracking.pose import (
     contact_tolerance,
     distinct_hypotheses,
     largest_sigma,
+    lead_alike,
     max_contact_distance,
 )
 from grasptrack.tracking.redetection import MAX_UNLIKE
 from grasptrack.tracking.selection import make_target
-from grasptrack.tracking.single import UNKNOWN_PRESENCE, pose_hypothesis, single_estimate
+from grasptrack.tracking.single import UNKNOWN_PRESENCE, known_by_image, pose_hypothesis, single_estimate
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import build_pyramid, hidden_levels
 from grasptrack.typing import Floats
@@ -255,8 +256,8 @@ def _decide_among(
 
     def is_equal(e: PoseEstimate) -> bool:
         allowed = contact_tolerance(e.area, numbers)
-        if max_contact_distance(e.contacts, own.contacts) <= allowed:
-            return False  # the same answer
+        if max_contact_distance(e.contacts, own.contacts) <= allowed or lead_alike(target, e, own):
+            return False  # the same answer, as far as that is known
         laid = carried_in_front(e.G, target.points[:: max(1, len(target.points) // SCORE_SAMPLES)])
         away = np.hypot(*(laid[:, None] - outline).transpose(2, 0, 1)).min(axis=1)
         return bool((away <= allowed).all()) and numbers.temper * max(0.0, texture_evidence(state, e)) > least
@@ -281,15 +282,19 @@ def claims_in_plane(settled: list[PartClaim], doubted: list[PartClaim], search: 
     def solve_again(k: int) -> PartClaim:
         claim, found = claims[k], list[PoseEstimate]()
         state, levels = claim.state, search.scene.levels_in(claim.channel)
+        shown = texture_evidence(state, claim.estimate) > 0.0
         for e in claim.tried:
             solved: PoseEstimate | None = e
-            # texture that images share by chance pulls a loose pose away
-            for share in (state.numbers.predicted**2, 1.0):
+            # texture that images share by chance pulls a loose pose away; of edges alone a tight one is sure which is its own
+            shares = (state.numbers.predicted**2, 1.0)
+            for share in shares if shown else shares[::-1]:
                 if solved is not None:
                     pose = search.plane_pose(claim, solved, claims)
-                    off, P = plane.prior_of(k, pose, state.target.noise_of_guess)
-                    G = np.asarray(state.target.handle.moved(solved.G, off))
-                    solved = estimate_pose(state, levels, Hypothesis(e.origin, G, share * P), still=True)
+                    target, known = state.target, plane.prior_of(k, pose, state.target.noise_of_view)[1]
+                    off, P = plane.prior_of(k, pose, target.noise_of_guess)
+                    begun = Hypothesis(e.origin, np.asarray(target.handle.moved(solved.G, off)), share * P)
+                    solved = estimate_pose(state, levels, begun, still=True, surface=shown)
+                    solved = solved and known_by_image(state, solved, begun.P, known)
             found += [] if solved is None else [solved]
         if not found:
             return claim

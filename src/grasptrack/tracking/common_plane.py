@@ -96,7 +96,7 @@ class CommonPlane:
             own = pose.by_rectifying(self._x[:4], self._x[at], told)
             D = np.zeros((4, len(self._x)))
             D[:, :4], D[:, at] = own[:, :4], own[:, 4:]
-            S = by_pose @ pose.P @ by_pose.T + np.diag((share * OF_PART) ** 2)
+            S = _spread(told, by_pose, pose.P) + np.diag((share * OF_PART) ** 2)
             weight = _flat_probability(told, S, self._flat)
             flat += weight
             by = weight * np.linalg.solve(S, D).T
@@ -116,7 +116,7 @@ class CommonPlane:
             P: (8, 8) how far it may be off as long as nothing is told.
         """
         told, by_pose, spread = self._without(k, pose)
-        gain = np.linalg.solve(by_pose @ P @ by_pose.T + spread, by_pose @ P).T
+        gain = np.linalg.solve(_spread(told, by_pose, P) + spread, by_pose @ P).T
         left = P - gain @ by_pose @ P
         return np.asarray(-gain @ told), np.asarray(0.5 * (left + left.T))
 
@@ -128,7 +128,7 @@ class CommonPlane:
         """Probability that a part does not lie in the plane of the others, as far as the image alone tells its pose."""
         pose = self._poses[k]
         told, by_pose, spread = self._without(k, pose)
-        return 1.0 - _flat_probability(told, by_pose @ pose.P @ by_pose.T + spread, self._flat)
+        return 1.0 - _flat_probability(told, _spread(told, by_pose, pose.P) + spread, self._flat)
 
     def _without(self, k: int, pose: PlanePose) -> tuple[Floats, Floats, Floats]:
         """(4,) how far a pose of one part is from the others' plane, (4, 8) by its error, and (4, 4) how well they know it."""
@@ -160,6 +160,15 @@ def _unlikeness(S: Floats) -> Floats:
     alike = J[:, 0, 0] + J[:, 1, 1] + 1j * (J[:, 1, 0] - J[:, 0, 1])
     stretch = (J[:, 0, 0] - J[:, 1, 1] + 1j * (J[:, 1, 0] + J[:, 0, 1])) / alike
     return np.column_stack([stretch.real, stretch.imag, S[:, 2, :2]])
+
+
+def _spread(told: Floats, by_pose: Floats, P: Floats) -> Floats:
+    """(4, 4) covariance of a deviation (4,) of a pose known with P (8, 8): what is linear in its error leaves out a square.
+
+    That error is no larger than what deviates, nor than P lets it be.
+    """
+    linear = by_pose @ P @ by_pose.T
+    return np.asarray(linear + min(float(told @ told), float(np.trace(linear))) ** 2 * np.eye(4))
 
 
 def _flat_probability(told: Floats, S: Floats, share: float) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from grasptrack.tracking.decision import ANYWHERE_STEPS, Decision, Expected, any_of, decide_pose
 from grasptrack.tracking.estimator import WHOLE_WAY, estimate_pose
-from grasptrack.tracking.evidence import other_surface_odds, pose_evidence, surface_evidence
+from grasptrack.tracking.evidence import other_surface_odds, pose_evidence, surface_evidence, texture_evidence
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.pose import (
     TURNED,
@@ -16,7 +16,6 @@ from grasptrack.tracking.pose import (
     PoseEstimate,
     contact_tolerance,
     max_contact_distance,
-    worst_variance,
 )
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target
@@ -55,27 +54,29 @@ def single_estimate(state: TrackState, levels: list[Grey], hypothesis: Hypothesi
         # between two images without a time nothing moved while it was exposed
         trial = Hypothesis(hypothesis.origin, G, P, reach)
         found = estimate_pose(state, levels, trial, blur_share=WHOLE_WAY if reach > 0.0 else None, still=True)
-        return [] if found is None else [found]
+        # a prior is where to begin, not knowledge: an outline that slides along itself is exact by nothing else
+        return [] if found is None else [known_by_image(state, found, P, target.noise_of_view)]
 
     tight = hypothesis.P * numbers.predicted**2
-    near, found = solve_from(hypothesis.G, tight), solve_from(hypothesis.G, hypothesis.P)
-    # a tight prior is where to begin, not knowledge: an outline that slides along itself is exact by nothing else
-    found += [e for e in near if is_exact_without(state, e, tight, hypothesis.P)]
-    for e in [*found, *near]:
+    found = solve_from(hypothesis.G, tight) + solve_from(hypothesis.G, hypothesis.P)
+    for e in list(found):
         if e.elsewhere > numbers.elsewhere:
-            found += solve_from(e.G, e.P + target.noise_of_guess, numbers.wide * target.size)
-    return max(found, key=lambda e: pose_evidence(state, e), default=None)
+            found += solve_from(e.G, hypothesis.P + target.noise_of_guess, numbers.wide * target.size)
+    best = max(found, key=lambda e: pose_evidence(state, e), default=None)
+    if best is None or texture_evidence(state, best) > 0.0:
+        return best
+    # what shows another surface is no more exact by what that has in common with this one by chance
+    begun = Hypothesis(hypothesis.origin, best.G, tight)
+    alone = estimate_pose(state, levels, begun, still=True, surface=False)
+    return best if alone is None else known_by_image(state, alone, begun.P, target.noise_of_view)
 
 
-def is_exact_without(state: TrackState, estimate: PoseEstimate, prior: Floats, instead: Floats) -> bool:
-    """Whether an estimate would be as exact as is asked for had it begun with another prior (8, 8) than that which it did."""
-    inverse, numbers = np.linalg.inv, state.numbers
-    information = inverse(estimate.P) - inverse(prior) + inverse(instead)
-    if not np.linalg.eigvalsh(information)[0] > 0.0:
-        return False
-    covariance = state.target.handle.placed(estimate.G, inverse(information))[1]
-    variance, allowed = worst_variance(covariance) * numbers.inflate**2, contact_tolerance(estimate.area, numbers)
-    return math.exp(-0.5 * allowed**2 / variance) < numbers.risk
+def known_by_image(state: TrackState, estimate: PoseEstimate, prior: Floats, instead: Floats) -> PoseEstimate:
+    """An estimate that began with a prior (8, 8), as exact as the image makes it beside what is known instead (8, 8)."""
+    told, axes = np.linalg.eigh(np.linalg.inv(estimate.P) - np.linalg.inv(prior))
+    information = (axes * told.clip(0.0)) @ axes.T + np.linalg.inv(instead)
+    known: PoseEstimate = state.target.handle.known_by(estimate, np.linalg.inv(information))
+    return known
 
 
 def decide_single(state: TrackState, estimates: list[PoseEstimate]) -> Decision:

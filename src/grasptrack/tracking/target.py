@@ -27,6 +27,9 @@ ALIKE = 0.5
 """Correlation from which on a patch shows the same, and share of its usual one."""
 GUESSED_TILT = 0.01
 """Share of sqrt(area) by which the perspective of a pose may be off that no frame before tells."""
+OPEN_SHAPE, OPEN_TILT = 0.3, 0.05
+"""Shares by which the shape and the perspective of a pose may be off that nothing tells: what 45 degrees stretch, and bend in
+an image that is 70 degrees wide, of which an object fills 0.15."""
 CONTACTS_FIRST = 1e6
 """By how much a contact counts for more than the whole outline where a bend is taken for a pose's error."""
 POSE_ENTRIES = ((0, 2, 1), (1, 2, 1), (0, 0, 1), (0, 1, 1), (1, 0, 1), (1, 1, 1), (2, 0, -1), (2, 1, -1))
@@ -160,6 +163,12 @@ class Target:
         """(8, 8) how far a pose may be off that something else tells of a view that need not follow another, work px^2."""
         shares = [*np.sqrt(np.diagonal(self.noise_of_motion)[:6]), *[GUESSED_TILT * self.size] * 2]
         return np.asarray(np.diag(shares) ** 2, dtype=np.float64)
+
+    @cached_property
+    def noise_of_view(self) -> Floats:
+        """(8, 8) how far a pose may be off that is known of no view, work px^2: what lies anywhere leans up to 45 degrees."""
+        shares = [1.0] * 2 + [OPEN_SHAPE] * 4 + [OPEN_TILT] * 2
+        return np.asarray(np.diag((np.array(shares) * self.size) ** 2), dtype=np.float64)
 
     @cached_property
     def error_of_bend(self) -> Floats:
