@@ -701,6 +701,13 @@ class PoseTarget:
             ValueError: a length is none, or what is hidden is of another size.
         """
 
+    def known_by(self, estimate: PoseEstimate, P: Floats) -> PoseEstimate:
+        """The same estimate with another covariance (8, 8) of its pose's error, work px^2, and that of its contacts.
+
+        Raises:
+            ValueError: the covariance has another shape.
+        """
+
     def unsure(self, estimate: PoseEstimate, other: PoseEstimate, probability: float) -> PoseEstimate:
         """An estimate whose covariances are those of its mixture with another one, which is right with a probability.
 
