@@ -40,7 +40,7 @@ def main(cameras: Sequence[Callable[[], Images]]) -> bool:
         Thread(target=watch, args=(number, connect, news, stop), daemon=True).start()
     while len(ends) < len(cameras):
         try:
-            camera, told = news.get(timeout=30.0 if stop.is_set() else 0.5)  # some systems keep Ctrl-C waiting as long
+            camera, told = news.get(timeout=5.0 if stop.is_set() else 0.5)  # some systems keep Ctrl-C waiting as long
             if isinstance(told, str):
                 ends[camera] = line = told
             else:

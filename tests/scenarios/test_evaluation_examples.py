@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,10 @@ def test_examples_run_without_arguments(example: Path, tmp_path: Path) -> None:
 def started_example(name: str, *arguments: str) -> "subprocess.Popen[str]":
     """An example at work, whose lines can be read as they come."""
     command = [sys.executable, str(next((ROOT / "examples").glob(f"{name}*.py"))), *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    listen = partial(
+        signal.signal, signal.SIGINT, signal.SIG_DFL
+    )  # what a shell starts in the background ignores Ctrl-C
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=listen)
 
 
 def short_video(path: Path, frames: int = 8, *, scene: bool = True) -> str:

@@ -150,6 +150,15 @@ def test_what_lies_turned_over_is_told_and_never_given_as_found() -> None:
     np.testing.assert_allclose(apply_homography(over.homography, part().grasps[0].contacts), over.contacts, atol=1e-6)
 
 
+def test_what_never_lies_turned_over_is_not_looked_for_so(tmp_path: Path) -> None:
+    own, image = part(), tray(THREE[0], (MIRRORED, 1.0, (400.0, 300.0)))
+    assert [one.mirrored for one in gt.find(image, own)] == [False, True]
+    gt.Part.of(own.image, own.view, own.grasps, name="ell", face_up=True).save(tmp_path / "ell.part")
+    up = gt.Part.load(tmp_path / "ell.part")
+    answers = gt.find(image, up)
+    assert up.face_up and sum(one.found for one in answers) == 1 and not any(one.mirrored for one in answers)
+
+
 def test_a_disc_may_lie_in_any_turn_and_is_not_given() -> None:
     found = gt.find(tray((DISC, 0.7, (400.0, 300.0))), part("disc", "DISC"))
     assert found and not any(one.found for one in found)

@@ -51,6 +51,7 @@ def teach(
     output: Annotated[
         Path, option(help_groups.OUTPUT, "FILE", "File of the part; an existing part is replaced.", "--output")
     ],
+    face_up: Annotated[bool, option(help_groups.OBJECT, None, "It never lies turned over.", "--face-up")] = False,
     quiet: options.Quiet = False,
     max_megapixels: options.MaxMegapixels = None,
 ) -> None:
@@ -80,7 +81,7 @@ def teach(
         view, grasps, probability = _view_and_grasps(scene, first.segmenter, (fingers, grasp.friction, size), contacts)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
-    part = Part.of(scene.image, view, grasps, name=name, friction=grasp.friction, hand=size)
+    part = Part.of(scene.image, view, grasps, name=name, friction=grasp.friction, hand=size, face_up=face_up)
     with hold_folder(output.parent):
         part.save(output)
     if not quiet:

@@ -100,7 +100,7 @@ def _reduced_part(part: KnownPart, scale: float) -> KnownPart:
     finger = part.finger[0] * mean, part.finger[1] * mean
     view = part.view.transformed(H)
     return KnownPart(
-        part.name, image, view, grasps, part.directions, part.friction, finger, part.px_per_mm * mean
+        part.name, image, view, grasps, part.directions, part.friction, finger, part.px_per_mm * mean, part.face_up
     )  # fmt: skip
 
 
@@ -116,6 +116,7 @@ def _packed_bytes(part: KnownPart) -> bytes:
         "units": "px of image.png, the centre of its top-left pixel at (0, 0), x right, y down",
         "friction": part.friction,
         "px_per_mm": part.px_per_mm,
+        "face_up": part.face_up,
         "finger": {"width": part.finger[0], "reach": part.finger[1]},
         "grasps": [
             {"contacts": g.contacts, "directions": ways, "quality": g.quality}
@@ -185,6 +186,7 @@ def _unpacked_part(cls: type[Part], members: Mapping[str, bytes]) -> Part:
         float(told["friction"]),
         (float(finger["width"]), float(finger["reach"])),
         math.nan if scale is None else float(scale),
+        told.get("face_up", False) is True,
     )
     part.check_values()
     return part

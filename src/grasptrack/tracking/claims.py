@@ -94,7 +94,9 @@ class PartSide:
 
 
 def sides_of(part: KnownPart, risk: float) -> list[PartSide]:
-    """The side that was taught, and the other one where its outline is another."""
+    """The side that was taught, and the other one where its outline is another, and may be seen."""
+    if part.face_up:
+        return [PartSide(part, part, False, risk)]
     own, other = PartSide(part, part, False, risk), PartSide(part, part.turned_over(), True, risk)
     if not may_match([other.outline], own.outline, TWIN):
         return [own, other]

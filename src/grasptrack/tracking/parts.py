@@ -49,6 +49,7 @@ class KnownPart:
         friction: Coulomb coefficient between finger and part.
         finger: px, width of a finger, and how far back it and its way in need room.
         px_per_mm: scale of the first image; NaN where it is not known.
+        face_up: it always lies as it was taught, and is not looked for turned over.
     """
 
     name: str
@@ -59,6 +60,7 @@ class KnownPart:
     friction: float
     finger: tuple[float, float]
     px_per_mm: float = math.nan
+    face_up: bool = False
 
     @classmethod
     @arguments.checked(image=arguments.array(unbounded=True), friction=arguments.number)
@@ -71,6 +73,7 @@ class KnownPart:
         name: str,
         friction: float = DEFAULT_FRICTION,
         hand: Hand | None = None,
+        face_up: bool = False,
     ) -> Taught:
         """The part that an outline in an image shows.
 
@@ -81,6 +84,7 @@ class KnownPart:
             name: of the part, up to 60 characters that can be seen.
             friction: Coulomb coefficient, above 0: what is told to be stable depends on it.
             hand: the room that its fingers need; None is the usual hand. Without its px per mm no size in mm is told.
+            face_up: it never lies turned over, so that a part that is nearly its own mirror image is not refused for that.
 
         Raises:
             InputError: a name, grasps, friction or scale that are none; an outline that the image's border cuts.
@@ -103,6 +107,7 @@ class KnownPart:
             friction,
             (size.finger_width, size.finger_thickness + size.clearance),
             math.nan if hand is None or hand.px_per_mm is None else hand.px_per_mm,
+            bool(face_up),
         )
         part.check_values()
         return part
