@@ -261,8 +261,9 @@ def _decide_among(
         if max_contact_distance(e.contacts, own.contacts) <= allowed or lead_alike(target, e, own):
             return False  # the same answer, as far as that is known
         laid = carried_in_front(e.G, target.points[:: max(1, len(target.points) // SCORE_SAMPLES)])
-        away = np.hypot(*(laid[:, None] - outline).transpose(2, 0, 1)).min(axis=1)
-        return bool((away <= allowed).all()) and numbers.temper * max(0.0, texture_evidence(state, e)) > least
+        away = ((laid[:, None] - outline) ** 2).sum(axis=2).min(axis=1)
+        twin = float(away.mean()) <= OWN_TWIN**2 * e.area
+        return twin and numbers.temper * max(0.0, texture_evidence(state, e)) > least
 
     equals = [e for e in estimates if is_equal(e)]
     expected = Expected(target.contacts, UNKNOWN_PRESENCE, ANYWHERE_STEPS)
