@@ -11,20 +11,20 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 44_848,
-    "src/grasptrack/tracking": 9_885,
+    "src/grasptrack": 44_847,
+    "src/grasptrack/tracking": 9_883,
     "src/grasptrack/servo": 4_913,
     "src/grasptrack/io": 6_913,
     "src/grasptrack/segmentation": 4_446,
-    "src/grasptrack/cli": 3_199,
+    "src/grasptrack/cli": 3_200,
     "src/grasptrack/live": 2_963,
     "src/grasptrack/view": 1_985,
     "src/grasptrack/trackability": 1_920,
     "src/grasptrack/grasp": 1_762,
-    "bench": 16_212,
+    "bench": 16_213,
     "research": 12_681,
     "native": 7_496,
-    "tests": 47_445,
+    "tests": 47_446,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 219

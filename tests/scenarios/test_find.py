@@ -4,6 +4,7 @@
 import csv
 import json
 import pickle
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -153,7 +154,7 @@ def test_what_lies_turned_over_is_told_and_never_given_as_found() -> None:
 def test_what_never_lies_turned_over_is_not_looked_for_so(tmp_path: Path) -> None:
     own, image = part(), tray(THREE[0], (MIRRORED, 1.0, (400.0, 300.0)))
     assert [one.mirrored for one in gt.find(image, own)] == [False, True]
-    gt.Part.of(own.image, own.view, own.grasps, name="ell", face_up=True).save(tmp_path / "ell.part")
+    replace(own, face_up=True).save(tmp_path / "ell.part")
     up = gt.Part.load(tmp_path / "ell.part")
     answers = gt.find(image, up)
     assert up.face_up and sum(one.found for one in answers) == 1 and not any(one.mirrored for one in answers)

@@ -134,7 +134,8 @@ def teach(case: TrayCase, alone: World) -> Taught:
     if grasps.reason:
         raise InputError(f"{case.shape.name}: {grasps.reason}")
     best = grasps.grasps[:GRASPS]
-    part = Part.of(image, result.view, best, name=case.shape.name, friction=FRICTION, hand=hand, face_up=True)
+    part = Part.of(image, result.view, best, name=case.shape.name, friction=FRICTION, hand=hand)
+    part = replace(part, face_up=True)
     own = find_symmetries(Contour(subdivide_polygon(case.shape.outer * 100.0, 3.0)))
     turns = np.linspace(0.0, 2.0 * math.pi, FULL_TURN, endpoint=False).tolist() if own.continuous else []
     return Taught(

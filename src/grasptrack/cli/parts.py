@@ -81,7 +81,8 @@ def teach(
         view, grasps, probability = _view_and_grasps(scene, first.segmenter, (fingers, grasp.friction, size), contacts)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
-    part = Part.of(scene.image, view, grasps, name=name, friction=grasp.friction, hand=size, face_up=face_up)
+    part = Part.of(scene.image, view, grasps, name=name, friction=grasp.friction, hand=size)
+    part = replace(part, face_up=face_up)
     with hold_folder(output.parent):
         part.save(output)
     if not quiet:

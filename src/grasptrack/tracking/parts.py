@@ -49,7 +49,8 @@ class KnownPart:
         friction: Coulomb coefficient between finger and part.
         finger: px, width of a finger, and how far back it and its way in need room.
         px_per_mm: scale of the first image; NaN where it is not known.
-        face_up: it always lies as it was taught, and is not looked for turned over.
+        face_up: it never lies turned over, so that what is nearly its own mirror image is not refused for that;
+            `dataclasses.replace` says so.
     """
 
     name: str
@@ -73,7 +74,6 @@ class KnownPart:
         name: str,
         friction: float = DEFAULT_FRICTION,
         hand: Hand | None = None,
-        face_up: bool = False,
     ) -> Taught:
         """The part that an outline in an image shows.
 
@@ -84,7 +84,6 @@ class KnownPart:
             name: of the part, up to 60 characters that can be seen.
             friction: Coulomb coefficient, above 0: what is told to be stable depends on it.
             hand: the room that its fingers need; None is the usual hand. Without its px per mm no size in mm is told.
-            face_up: it never lies turned over, so that a part that is nearly its own mirror image is not refused for that.
 
         Raises:
             InputError: a name, grasps, friction or scale that are none; an outline that the image's border cuts.
@@ -107,7 +106,6 @@ class KnownPart:
             friction,
             (size.finger_width, size.finger_thickness + size.clearance),
             math.nan if hand is None or hand.px_per_mm is None else hand.px_per_mm,
-            bool(face_up),
         )
         part.check_values()
         return part
