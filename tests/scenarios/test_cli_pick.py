@@ -107,6 +107,33 @@ def test_the_truth_knows_which_part_is_meant_and_calls_contacts_on_another_one_w
 
 
 @needs_mujoco
+@pytest.mark.slow
+def test_open_fingers_come_down_on_no_neighbour() -> None:
+    """A narrow part tells its distance to a centimetre: a finger came down on another one, and turned it over."""
+    robot = TrayRobot(TrayCase(SHAPES["strip"](), 1100008))
+    before = robot.world.part_poses()
+    found = robot._look(0)
+    assert found is not None
+    robot._take(0, *found)
+    after = robot.world.part_poses()
+    assert robot.told.picks[0].outcome == "lifted"
+    for number, pose in after.items():
+        np.testing.assert_allclose(pose[:3, 3], before[number][:3, 3], atol=1e-3)
+
+
+@needs_mujoco
+def test_a_part_that_lies_turned_over_rests_on_the_table_too() -> None:
+    setting = sample_tray(SHAPES["bracket"](), 1, seed=1)
+    over = setting.place.copy()
+    over[:3, :3] = over[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+    over[2, 3] = setting.part.thickness
+    world = World(SHAPES["bracket"](), seed=1, images="planar", setting=replace(setting, place=over))
+    for _ in range(20):
+        world.move(np.zeros(6))
+    assert abs(world.part_pose()[2, 3] - setting.part.thickness) < 2e-4
+
+
+@needs_mujoco
 def test_what_was_taken_away_is_seen_and_touched_no_more() -> None:
     robot = TrayRobot(TrayCase(SHAPES["bracket"](), 3, 2))
     world = robot.world

@@ -26,7 +26,7 @@ from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.approach.case import ApproachCase, Law
 from grasptrack_bench.approach.tray_picture import TrayPicture
 from grasptrack_bench.approach.trays import Emptied, PickRow, TrayCase, teach
-from grasptrack_bench.approach.trial import ABOVE, LEAST, RETRIES, WINDOW, Step, TrialRun, close_on_part
+from grasptrack_bench.approach.trial import LEAST, RETRIES, WINDOW, Step, TrialRun, close_on_part
 from grasptrack_bench.physics.pull import whole_outline
 from grasptrack_bench.physics.tray import (
     BIN,
@@ -49,6 +49,8 @@ MOST = 3
 """Times as many picks as there are parts, at most."""
 SAME_PLACE = 0.3
 """Of sqrt(area), within which a part lies where it lay."""
+CLEAR = 0.02
+"""m above the part at which open fingers stop: neighbours are as high, and of a narrow part that is known to a centimetre."""
 RISEN = 0.12
 """m of the fingertips above the table at which they cross the tray."""
 BIN_WIDTH = 0.15
@@ -272,7 +274,7 @@ class TrayRobot:
         world = self.world
         looking = TrayLooking(self.taught.parts[grasp], self.ignore, self.case.risk, image, world.time(), one)
         apart = float(np.linalg.norm(np.diff(world.hand.tips(self._opening)[:2], axis=0)))
-        goal = Goal.fingertips(self._tips, apart, beyond_m=-ABOVE)
+        goal = Goal.fingertips(self._tips, apart, beyond_m=-CLEAR)
         known = self._known
         law: Law = "online" if known is None else "nominal"
         run.row.law, camera = law, None if known is None else known.nominal()

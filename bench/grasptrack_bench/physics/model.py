@@ -206,7 +206,8 @@ def _part_body_xml(setting: Setting, name: str, place: Floats) -> str:
     at, q = place[:3, 3], frames.rotation_to_quaternion(place[:3, :3])
     turned = frames.rotation_to_quaternion(rotation_about_z(part.axis))
     pieces = "".join(f'<geom class="piece" mesh="piece{n}"/>' for n in range(len(part.pieces)))
-    feet = "".join(f'<geom class="foot" pos="{x:.7g} {y:.7g} {FOOT}"/>' for x, y in part.feet)
+    heights = FOOT, part.thickness - FOOT  # whichever side is down
+    feet = "".join(f'<geom class="foot" pos="{x:.7g} {y:.7g} {z:.7g}"/>' for z in heights for x, y in part.feet)
     return f"""<body name="{name}" pos="{_format_numbers(at)}" quat="{_format_numbers(q)}"><freejoint name="{name}"/>
 <inertial pos="0 0 {part.thickness / 2.0:.6g}" quat="{_format_numbers(turned)}" mass="{part.mass:.6g}"
  diaginertia="{_format_numbers(part.inertia)}"/>
