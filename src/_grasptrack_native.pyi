@@ -708,13 +708,6 @@ class PoseTarget:
             ValueError: the covariance has another shape.
         """
 
-    def unsure(self, estimate: PoseEstimate, other: PoseEstimate, probability: float) -> PoseEstimate:
-        """An estimate whose covariances are those of its mixture with another one, which is right with a probability.
-
-        Raises:
-            ValueError: there is no way from one pose to the other.
-        """
-
     def repeats(
         self, before: Sequence[NDArray[np.uint8]], last: Floats, levels: Sequence[NDArray[np.uint8]], G: Floats
     ) -> RepeatedPatches:

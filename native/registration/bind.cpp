@@ -215,20 +215,6 @@ struct PoseTarget {
         return out;
     }
 
-    // Two estimates of which the second is right with a probability, as one: their mixture's covariance about the first.
-    PoseEstimate unsure(const PoseEstimate &estimate, const PoseEstimate &other, double probability) const {
-        pose::Vector<8> d;
-        if (!target.difference(estimate.G, other.G, d)) throw std::invalid_argument("the other pose is none");
-        PoseEstimate out = estimate;
-        for (std::size_t i = 0; i < 8; ++i)
-            for (std::size_t j = 0; j < 8; ++j) {
-                const std::size_t k = i * 8 + j;
-                out.P[k] += probability * (other.P[k] - estimate.P[k] + d[i] * d[j]);
-            }
-        out.contacts = pose::placed_contacts(target, out.G, out.P);
-        return out;
-    }
-
     // The same estimate, known otherwise.
     PoseEstimate known_by(const PoseEstimate &estimate, const Doubles &P) const {
         PoseEstimate out = estimate;
@@ -426,7 +412,6 @@ void bind_registration(nb::module_ &m) {
         .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
         .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "bend"_a, "readout"_a, "readout_variance"_a, "nuisance"_a, "nuisance_covariance"_a,
              "sides"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a, "edge_width"_a, "blur_share"_a, "lag"_a, "aspect"_a)
-        .def("unsure", &PoseTarget::unsure, "estimate"_a, "other"_a, "probability"_a)
         .def("repeats", &PoseTarget::repeats, "before"_a, "last"_a, "levels"_a, "G"_a)
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)

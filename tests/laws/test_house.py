@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 44_847,
-    "src/grasptrack/tracking": 9_883,
+    "src/grasptrack": 44_856,
+    "src/grasptrack/tracking": 9_892,
     "src/grasptrack/servo": 4_913,
     "src/grasptrack/io": 6_913,
     "src/grasptrack/segmentation": 4_446,
@@ -23,7 +23,7 @@ BUDGETS = {
     "src/grasptrack/grasp": 1_762,
     "bench": 16_216,
     "research": 12_681,
-    "native": 7_496,
+    "native": 7_481,
     "tests": 47_473,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""

@@ -15,7 +15,7 @@ from grasptrack.tracking.evidence import (
     surface_evidence,
     texture_evidence,
 )
-from grasptrack.tracking.pose import Hypothesis, PoseEstimate, carried_in_front, changed_estimate
+from grasptrack.tracking.pose import Hypothesis, PoseEstimate, carried_in_front, changed_estimate, mixed_estimate
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Bools, Floats
@@ -86,7 +86,7 @@ def against_fixed_surface(
     odds = numbers.fixed * math.exp(min(numbers.temper * surface + outline + volume, MAX_EXPONENT))
     fixed = odds / (1.0 + odds)
     better, worse, less = (alone, estimate, 1.0 - fixed) if fixed > 0.5 else (estimate, alone, fixed)
-    found: PoseEstimate = target.handle.unsure(better, worse, less)
+    found = mixed_estimate(target, better, worse, less)
     return changed_estimate(found, confirmed=estimate.confirmed)
 
 

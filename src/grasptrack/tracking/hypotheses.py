@@ -37,6 +37,7 @@ from grasptrack.tracking.pose import (
     largest_sigma,
     lead_alike,
     max_contact_distance,
+    mixed_estimate,
     sane_area,
     worst_variance,
 )
@@ -412,7 +413,7 @@ class Solutions:
         if right > 0.5 and shown and self._stands_still(estimate, other.G):
             self._note_marks(estimate, other.G, still=True)
         better, worse, less = (other, estimate, 1.0 - right) if right > 0.5 else (estimate, other, right)
-        found: PoseEstimate = target.handle.unsure(better, worse, less)
+        found = mixed_estimate(target, better, worse, less)
         return changed_estimate(found, confirmed=estimate.confirmed)
 
     def _against_fixed_surface(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate:

@@ -69,6 +69,14 @@ def changed_estimate(estimate: PoseEstimate, *, origin: str | None = None, confi
     return other
 
 
+def mixed_estimate(target: Target, estimate: PoseEstimate, other: PoseEstimate, probability: float) -> PoseEstimate:
+    """An estimate whose covariances are those of its mixture with another one, which is right with a probability."""
+    d = target.pose_difference(estimate.G, other.G)
+    P = estimate.P + probability * (other.P - estimate.P + np.outer(d, d))
+    found: PoseEstimate = target.handle.known_by(estimate, P)
+    return found
+
+
 def is_at(estimate: PoseEstimate, place: tuple[float, float], share: float = SAME_PLACE) -> bool:
     """Whether an estimate lies within a share of sqrt(area) of a place (x, y) px."""
     return math.dist(estimate.middle, place) < share * math.sqrt(estimate.area)
