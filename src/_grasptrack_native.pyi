@@ -507,6 +507,7 @@ class PoseEstimate:
     Attributes:
         valid: False where there is no such pose; the rest is then void.
         G, P: (3, 3) the pose, (8, 8) covariance of its error, by correlated residuals and the readout's variance as well.
+        beforehand: (8, 8) information that is in it and not the image's: what was expected, and what a camera can show.
         contacts, covariance, middle: (k, 2) px, (k, 2, 2) px^2 by P, (x, y) px their mean.
         nuisance, nuisance_covariance: (4,), (4, 4) as of `PoseTarget.solve`, with what this image itself tells of them,
             whatever pose was expected.
@@ -539,6 +540,7 @@ class PoseEstimate:
     valid: bool
     G: Floats
     P: Floats
+    beforehand: Floats
     contacts: Floats
     covariance: Floats
     middle: tuple[float, float]
@@ -638,6 +640,15 @@ class PoseTarget:
         inside: Floats,
         outside: Floats,
     ) -> None: ...
+    def taught_by(self, width: float, x: float, y: float) -> None:
+        """The reference image was cut out of one so wide, px, whose middle lies at (x, y) px of it.
+
+        As long as nothing is said, each image that is looked at was taken as the reference image was.
+
+        Raises:
+            ValueError: no width above 0, or a number that is not finite.
+        """
+
     def hide(self, levels: Sequence[NDArray[np.uint8]]) -> None:
         """Pixels of every image from now on, level by level, that show nothing of the scene: nonzero."""
 
@@ -701,11 +712,16 @@ class PoseTarget:
             ValueError: a length is none, or what is hidden is of another size.
         """
 
-    def known_by(self, estimate: PoseEstimate, P: Floats) -> PoseEstimate:
+    def known_by(self, estimate: PoseEstimate, P: Floats, beforehand: Floats) -> PoseEstimate:
         """The same estimate with another covariance (8, 8) of its pose's error, work px^2, and that of its contacts.
 
+        Args:
+            estimate: of this target.
+            P: the covariance.
+            beforehand: (8, 8) information in it that is not the image's.
+
         Raises:
-            ValueError: the covariance has another shape.
+            ValueError: a matrix has another shape.
         """
 
     def repeats(

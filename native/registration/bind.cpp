@@ -180,6 +180,11 @@ struct PoseTarget {
                               static_cast<std::ptrdiff_t>(level.shape(0)), static_cast<std::ptrdiff_t>(level.shape(1))});
     }
 
+    void taught_by(double width, double x, double y) {
+        if (!(width > 0) || !std::isfinite(width + x + y)) throw std::invalid_argument("the width is above 0");
+        target.taught = {width, x, y};
+    }
+
     pose::Pyramid seen(const std::vector<Bytes> &levels) const {
         pose::Pyramid out = pyramid_of(levels);
         for (std::size_t k = 0; k < std::min(out.size(), hidden.size()); ++k) {
@@ -216,9 +221,10 @@ struct PoseTarget {
     }
 
     // The same estimate, known otherwise.
-    PoseEstimate known_by(const PoseEstimate &estimate, const Doubles &P) const {
+    PoseEstimate known_by(const PoseEstimate &estimate, const Doubles &P, const Doubles &beforehand) const {
         PoseEstimate out = estimate;
         out.P = fixed<64>(P, "P");
+        out.beforehand = fixed<64>(beforehand, "beforehand");
         out.contacts = pose::placed_contacts(target, out.G, out.P);
         return out;
     }
@@ -408,6 +414,7 @@ void bind_registration(nb::module_ &m) {
                       const Doubles &>(),
              "numbers"_a, "A"_a, "centre"_a, "radius"_a, "noise"_a, "half"_a, "normal_noise"_a, "points"_a, "normals"_a, "contrast"_a, "inner"_a,
              "surface"_a, "surface_value"_a, "contacts"_a, "depth"_a, "inside"_a, "outside"_a)
+        .def("taught_by", &PoseTarget::taught_by, "width"_a, "x"_a, "y"_a)
         .def("hide", &PoseTarget::hide, "levels"_a)
         .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
         .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "bend"_a, "readout"_a, "readout_variance"_a, "nuisance"_a, "nuisance_covariance"_a,
@@ -416,7 +423,7 @@ void bind_registration(nb::module_ &m) {
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
         .def("difference", &PoseTarget::difference, "first"_a, "second"_a)
-        .def("known_by", &PoseTarget::known_by, "estimate"_a, "P"_a)
+        .def("known_by", &PoseTarget::known_by, "estimate"_a, "P"_a, "beforehand"_a)
         .def("placed", &PoseTarget::placed, "G"_a, "P"_a)
         .def("joined", &PoseTarget::joined, "G"_a, "P"_a, "other"_a, "Q"_a)
         .def("plane_cost", &PoseTarget::plane_cost, "views"_a, "theta"_a)
@@ -428,6 +435,7 @@ void bind_registration(nb::module_ &m) {
         .def_ro("valid", &Solved::valid)
         .def_prop_ro("G", array_of<PoseEstimate>(&Solved::G, 3, 3))
         .def_prop_ro("P", array_of<PoseEstimate>(&Solved::P, 8, 8))
+        .def_prop_ro("beforehand", array_of<PoseEstimate>(&Solved::beforehand, 8, 8))
         .def_prop_ro("contacts", [](const PoseEstimate &e) { return places_of(e.contacts); })
         .def_prop_ro("covariance", [](const PoseEstimate &e) { return covariances_of(e.contacts); })
         .def_prop_ro("middle", [](const PoseEstimate &e) { return nb::make_tuple(e.contacts.middle.x, e.contacts.middle.y); })

@@ -37,30 +37,30 @@ struct Frame {
 class Pinhole {
   public:
     Pinhole(const Target &target, const Vector<3> &theta, const Frame &frame) {
-        f_ = frame.width * std::exp(theta[0]);
-        const double down = f_ * frame.aspect;
-        K_ = {f_, 0, frame.width / 2, 0, down, frame.height / 2, 0, 0, 1};
-        back_ = {1 / f_, 0, -frame.width / (2 * f_), 0, 1 / down, -frame.height / (2 * down), 0, 0, 1};
+        const Taught taught = target.taught.value_or(Taught{frame.width, frame.width / 2, frame.height / 2});
+        const double f = taught.width * std::exp(theta[0]);
+        now_ = Lens(frame.width * std::exp(theta[0]), frame.aspect, frame.width / 2, frame.height / 2);
+        first_ = Lens(f, frame.aspect, taught.x, taught.y);
         const Direction n = unit({theta[1], theta[2], 1.0});
         const Direction first = unit({n[2], 0, -n[0]}), second = cross(n, first);
         const double cx = target.cx, cy = target.cy;
         const Homography &A = target.A;
         const Vector<3> at{A[0] * cx + A[1] * cy + A[2], A[3] * cx + A[4] * cy + A[5], A[6] * cx + A[7] * cy + A[8]};
-        const Vector<3> ray = times<3>(back_, at);
+        const Vector<3> ray = times<3>(first_.back, at);
         const double depth = 1.0 / dot(n, ray);
         const Direction p{ray[0] * depth, ray[1] * depth, ray[2] * depth};
-        plane_ = {first[0], second[0], p[0], first[1], second[1], p[1], first[2], second[2], p[2]};
-        unit_ = p[2] / f_ * A[0];  // A[0]: reference px per work px
+        const Homography plane{first[0], second[0], p[0], first[1], second[1], p[1], first[2], second[2], p[2]};
+        unit_ = p[2] / f * A[0];  // A[0]: reference px per work px
         Homography inverse{};
         valid_ = invert_homography(A, inverse) && depth > 0;
-        to_work_ = times<3>(inverse, times<3>(K_, plane_));
+        to_work_ = times<3>(inverse, times<3>(first_.K, plane));
         valid_ = valid_ && invert_homography(to_work_, from_work_);
     }
 
     bool valid() const { return valid_; }
 
     // The plane's axes and the target's middle in the current camera, as columns.
-    Homography posed(const Homography &G) const { return times<3>(back_, times<3>(G, to_work_)); }
+    Homography posed(const Homography &G) const { return times<3>(now_.back, times<3>(G, to_work_)); }
 
     // Both 0 where G is a view of a rigid plane: cosine of the angle of the axes, and log of the ratio of their lengths.
     std::array<double, 2> misfit(const Homography &G) const {
@@ -71,10 +71,21 @@ class Pinhole {
     }
 
     // Work px by which the lower face's outline lies outside the upper one's at each sample, for each work px of thickness.
-    std::vector<double> lower_face(const Target &target, const Homography &G) const {
+    std::vector<double> lower_face(const Target &target, const Homography &G) const { return lower_face_by(now_, target, G); }
+    std::vector<double> first_lower_face(const Target &target) const { return lower_face_by(first_, target, target.A); }
+
+  private:
+    struct Lens {
+        Homography K{}, back{};
+        Lens() = default;
+        Lens(double f, double aspect, double x, double y)
+            : K{f, 0, x, 0, f * aspect, y, 0, 0, 1}, back{1 / f, 0, -x / f, 0, 1 / (f * aspect), -y / (f * aspect), 0, 0, 1} {}
+    };
+
+    std::vector<double> lower_face_by(const Lens &lens, const Target &target, const Homography &G) const {
         const std::size_t n = target.points.size();
         std::vector<double> out(n, 0.0);
-        Homography B = posed(G), inverse;
+        Homography B = times<3>(lens.back, times<3>(G, to_work_)), inverse;
         if (!valid_ || !invert_homography(G, inverse)) return out;
         double length = 0;
         for (std::size_t k = 0; k < 2; ++k)
@@ -84,7 +95,7 @@ class Pinhole {
         Direction down = unit(cross({B[0], B[3], B[6]}, {B[1], B[4], B[7]}));
         if (dot(down, {B[2], B[5], B[8]}) < 0) down = {-down[0], -down[1], -down[2]};
         constexpr double step = 5.0;  // work px, of the finite difference
-        const Homography view = times<3>(inverse, K_);
+        const Homography view = times<3>(inverse, lens.K);
         for (std::size_t i = 0; i < n; ++i) {
             const Point p = target.points[i], m = target.normals[i];
             const Vector<3> at = times<3>(from_work_, Vector<3>{p.x, p.y, 1.0});
@@ -97,10 +108,10 @@ class Pinhole {
         return out;
     }
 
-  private:
-    double f_, unit_;
+    double unit_;
     bool valid_;
-    Homography K_, back_, plane_, to_work_, from_work_;
+    Lens now_, first_;  // of the image that is looked at, and of the reference image
+    Homography to_work_, from_work_;
 };
 
 struct PinholeRows {

@@ -20,6 +20,7 @@ struct Solution {
     bool valid = false;
     Homography G{};
     Matrix<8> P{};
+    Matrix<8> beforehand{};  // information that is in it and not the image's: what was expected, and what a camera can show
     double readout = 0, readout_variance = std::numeric_limits<double>::infinity();  // as the edges tell it, and of that
     Vector<8> by_readout{};  // of the pose's error
     Nuisance nuisance{};
@@ -79,6 +80,7 @@ class Solver {
             Vector<8> b;
             if (!system_about(target_, start_, numbers_, beliefs_, G, nuisance, system)) return out;
             reduce<8>(system.A, system.b, A, b);
+            out.beforehand = A;
             texture = texture_rows(G, A, b, out);
             add_rows<8>(system.A, system.b, texture.information, texture.gradient);
             add_rows<8>(A, b, texture.information, texture.gradient);
@@ -462,7 +464,7 @@ class Solver {
     }
 
     const std::vector<double> &first_sides(const Pinhole &camera) const {
-        if (first_sides_.empty()) first_sides_ = camera.lower_face(target_, target_.A);
+        if (first_sides_.empty()) first_sides_ = camera.first_lower_face(target_);
         return first_sides_;
     }
 

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "matrix.hpp"
@@ -53,6 +54,11 @@ inline Point bent(const Bend &bend, const std::array<Vector<8>, 2> &J) {
     return {by[0].x + along(J[0]), by[0].y + along(J[1])};
 }
 
+// Of the reference image, which may have been cut out of another: its width, and where its middle lies, px.
+struct Taught {
+    double width, x, y;
+};
+
 struct Target {
     Homography A;              // work px -> reference image
     double cx, cy, radius;     // normalised coordinates: (x - cx) / radius
@@ -71,6 +77,7 @@ struct Target {
     std::vector<Point> surface;          // where the surface's gain and bias are measured
     std::vector<double> surface_value;
     std::vector<Point> contacts;
+    std::optional<Taught> taught;        // none: the images that are looked at are as the reference image
 
     // Derivatives of a point's place by the pose's error d: two rows of 8.
     std::array<Vector<8>, 2> jacobian(double x, double y) const {

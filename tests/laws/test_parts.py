@@ -54,6 +54,7 @@ def test_a_part_comes_back_as_it_was_kept(
     again, data = gt.Part.load(file), file.read_bytes()
     assert (again.name, again.friction, again.finger) == (part.name, part.friction, part.finger)
     assert again.px_per_mm == part.px_per_mm or math.isnan(scale)
+    assert again.origin == part.origin
     np.testing.assert_array_equal(again.image, part.image)
     for one, other in zip(again.view.contours, part.view.contours, strict=True):
         np.testing.assert_array_equal(one.points, other.points)

@@ -99,8 +99,9 @@ def _reduced_part(part: KnownPart, scale: float) -> KnownPart:
     grasps = tuple(Grasp(g.contacts * [x, y] + H[:2, 2], g.quality) for g in part.grasps)
     finger = part.finger[0] * mean, part.finger[1] * mean
     view = part.view.transformed(H)
+    origin = part.origin and (part.origin[0] * x, part.origin[1] * x, part.origin[2] * y)
     return KnownPart(
-        part.name, image, view, grasps, part.directions, part.friction, finger, part.px_per_mm * mean, part.face_up
+        part.name, image, view, grasps, part.directions, part.friction, finger, part.px_per_mm * mean, part.face_up, origin
     )  # fmt: skip
 
 
@@ -117,6 +118,7 @@ def _packed_bytes(part: KnownPart) -> bytes:
         "friction": part.friction,
         "px_per_mm": part.px_per_mm,
         "face_up": part.face_up,
+        "origin": part.origin and {"width": part.origin[0], "middle": part.origin[1:]},
         "finger": {"width": part.finger[0], "reach": part.finger[1]},
         "grasps": [
             {"contacts": g.contacts, "directions": ways, "quality": g.quality}
@@ -173,7 +175,7 @@ def _unpacked_part(cls: type[Part], members: Mapping[str, bytes]) -> Part:
     if told.get("format") != FORMAT:
         raise InputError(f"has format {told.get('format')!r}; this version reads {FORMAT}")
     view, image = _read_outline(members["outline.csv"].decode("utf-8")), _read_picture(members["image.png"])
-    scale, finger = told.get("px_per_mm"), told["finger"]
+    scale, finger, origin = told.get("px_per_mm"), told["finger"], told.get("origin")
     listed = told["grasps"]
     if not isinstance(listed, list):
         raise InputError("has no list of grasps")
@@ -187,9 +189,16 @@ def _unpacked_part(cls: type[Part], members: Mapping[str, bytes]) -> Part:
         (float(finger["width"]), float(finger["reach"])),
         math.nan if scale is None else float(scale),
         told.get("face_up", False) is True,
+        None if origin is None else (float(origin["width"]), *_pair(origin["middle"])),
     )
     part.check_values()
     return part
+
+
+def _pair(given: Any) -> tuple[float, float]:
+    """Two numbers."""
+    x, y = given
+    return float(x), float(y)
 
 
 def _unit_vectors(given: Any) -> Floats:

@@ -45,13 +45,16 @@ from grasptrack.tracking.pose import (
     carried_in_front,
     contact_tolerance,
     distinct_hypotheses,
+    image_information,
+    known_by_image,
     largest_sigma,
     lead_alike,
     max_contact_distance,
+    mixed_estimate,
 )
 from grasptrack.tracking.redetection import MAX_UNLIKE
 from grasptrack.tracking.selection import make_target
-from grasptrack.tracking.single import UNKNOWN_PRESENCE, known_by_image, pose_hypothesis, single_estimate
+from grasptrack.tracking.single import THICK_ODDS, UNKNOWN_PRESENCE, pose_hypothesis, single_estimate, thick_part
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import build_pyramid, hidden_levels
 from grasptrack.typing import Floats
@@ -64,6 +67,10 @@ SMALLEST, LARGEST = 0.4, 2.5
 """Smallest and largest scale at which a part is looked for."""
 SCALE_STEP = 0.1
 """Steps of the log of the scale in which an outline of unknown size is voted for."""
+BESIDE = 0.25
+"""Share of sqrt(area) within which an estimate of a place is the same lying otherwise, and none that is turned."""
+FAR = 10.0
+"""Times what is not known of any view: what the image does not tell, all parts together do not tell either."""
 
 
 class PartSide:
@@ -80,7 +87,8 @@ class PartSide:
         """What the estimator knows of it, as this mixture of colours shows it."""
         if channel not in self._states:
             levels = build_pyramid(channel.to_grey(self.taught.image))
-            target = make_target(levels, self.taught.view, self.taught.grasps[0].contacts, self._numbers)
+            contacts, origin = self.taught.grasps[0].contacts, self.taught.seen_from
+            target = make_target(levels, self.taught.view, contacts, self._numbers, origin=origin)
             self._states[channel] = first_state(target, levels)
         return self._states[channel]
 
@@ -124,12 +132,20 @@ class PartSearch(NamedTuple):
 
     def common_plane(self, claims: list[PartClaim]) -> CommonPlane:
         """The plane that most of some parts lie in."""
-        return CommonPlane([self.plane_pose(c, c.own, claims) for c in claims])
+        poses = list[PlanePose]()
+        for claim in claims:
+            target, near = claim.state.target, BESIDE * math.sqrt(claim.own.area)
+            # what else explains the place lies on the way along which the outline slides, perhaps
+            alike = [e for e in claim.tried if max_contact_distance(e.contacts, claim.own.contacts) < near]
+            own = mixed_estimate(target, alike, [pose_evidence(claim.state, e) for e in alike])
+            told = image_information(own) + np.linalg.inv(FAR**2 * target.noise_of_view)
+            poses.append(self.plane_pose(claim, own.G, claims, np.linalg.inv(told)))
+        return CommonPlane(poses)
 
-    def plane_pose(self, claim: PartClaim, estimate: PoseEstimate, claims: list[PartClaim]) -> PlanePose:
-        """A pose of one of some claims for that plane."""
+    def plane_pose(self, claim: PartClaim, G: Floats, claims: list[PartClaim], P: Floats | None = None) -> PlanePose:
+        """A pose of one of some claims for that plane, with its covariance where it counts."""
         kinds, size = list(dict.fromkeys(c.kind for c in claims)), self.scene.colours.shape
-        return PlanePose(kinds.index(claim.kind), claim.state.target, estimate.G, estimate.P, size)
+        return PlanePose(kinds.index(claim.kind), claim.state.target, G, np.eye(8) if P is None else P, size)
 
 
 # --- what may explain a place ------------------------------------------------------------------------
@@ -282,29 +298,48 @@ def claims_in_plane(settled: list[PartClaim], doubted: list[PartClaim], search: 
         return doubted
     plane = search.common_plane(claims)
 
-    def solve_again(k: int) -> PartClaim:
-        claim, found = claims[k], list[PoseEstimate]()
-        state, levels = claim.state, search.scene.levels_in(claim.channel)
-        shown = texture_evidence(state, claim.estimate) > 0.0
-        for e in claim.tried:
-            solved: PoseEstimate | None = e
-            # texture that images share by chance pulls a loose pose away; of edges alone a tight one is sure which is its own
-            shares = (state.numbers.predicted**2, 1.0)
-            for share in shares if shown else shares[::-1]:
-                if solved is not None:
-                    pose = search.plane_pose(claim, solved, claims)
-                    target, known = state.target, plane.prior_of(k, pose, state.target.noise_of_view)[1]
-                    off, P = plane.prior_of(k, pose, target.noise_of_guess)
-                    begun = Hypothesis(e.origin, np.asarray(target.handle.moved(solved.G, off)), share * P)
-                    solved = estimate_pose(state, levels, begun, still=True, surface=shown)
-                    solved = solved and known_by_image(state, solved, begun.P, known)
-            found += [] if solved is None else [solved]
-        if not found:
-            return claim
-        again = PartClaim(claim.kind, claim.channel, state, found)
-        return again.settled_in_plane(claim, plane.leaning_probability(k))
+    def solve_in_plane(k: int, e: PoseEstimate, state: TrackState, shown: bool) -> PoseEstimate | None:
+        solved, target = e, state.target
+        # texture that images share by chance pulls a loose pose away; of edges alone a tight one is sure which is its own
+        shares = (state.numbers.predicted**2, 1.0)
+        for share in shares if shown else shares[::-1]:
+            pose = search.plane_pose(claims[k], solved.G, claims)
+            off, P = plane.prior_of(k, pose, target.noise_of_guess)
+            begun = Hypothesis(e.origin, np.asarray(target.handle.moved(solved.G, off)), share * P)
+            found = estimate_pose(state, search.scene.levels_in(claims[k].channel), begun, still=True, surface=shown)
+            if found is None:
+                return None
+            solved = known_by_image(target, found, plane.prior_of(k, pose, target.noise_of_view)[1])
+        return solved
 
-    again = dict(zip(vague, search.pool.map(solve_again, vague), strict=True))
+    def solve_both(k: int) -> list[tuple[PoseEstimate, PoseEstimate]]:
+        """As a part that may be thin, and as a thick one."""
+        claim, found = claims[k], list[tuple[PoseEstimate, PoseEstimate]]()
+        shown = texture_evidence(claim.state, claim.estimate) > 0.0
+        for e in claim.tried if k in vague else [claim.estimate]:
+            thin = solve_in_plane(k, e, claim.state, shown)
+            thick = None if shown else solve_in_plane(k, e, thick_part(claim.state), shown)
+            found += [] if thin is None else [(thin, thick or thin)]
+        return found
+
+    kinds = {claims[k].kind for k in vague}
+    asked = [k for k, c in enumerate(claims) if c.kind in kinds]
+    told = dict(zip(asked, search.pool.map(solve_both, asked), strict=True))
+    odds = dict.fromkeys(kinds, THICK_ODDS)  # log-odds of a kind to be thick: all of it are, or none
+    for k, ways in told.items():
+        if ways:
+            thin, thick = (max(pose_evidence(claims[k].state, e) for e in each) for each in zip(*ways, strict=True))
+            odds[claims[k].kind] += thick - thin
+    again = {
+        k: PartClaim(
+            claims[k].kind,
+            claims[k].channel,
+            claims[k].state,
+            [mixed_estimate(claims[k].state.target, both, [0.0, odds[claims[k].kind]]) for both in told[k]],
+        ).settled_in_plane(claims[k], plane.leaning_probability(k))
+        for k in vague
+        if told[k]
+    }
     return [again.get(k, claims[k]) for k in range(len(settled), len(claims))]
 
 

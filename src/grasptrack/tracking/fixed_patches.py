@@ -10,7 +10,6 @@ from grasptrack.kernels import PATCH_SIDE
 from grasptrack.kernels.results import SurfaceEvidence
 from grasptrack.tracking.estimator import FIRST_POSE_SD, estimate_pose
 from grasptrack.tracking.evidence import (
-    MAX_EXPONENT,
     outline_evidence,
     surface_evidence,
     texture_evidence,
@@ -83,10 +82,8 @@ def against_fixed_surface(
     surface = texture_evidence(state, at_rest) - texture_evidence(state, estimate)
     outline = outline_evidence(alone, numbers) - outline_evidence(estimate, numbers)
     volume = 0.5 * float(np.linalg.slogdet(alone.P)[1] - np.linalg.slogdet(estimate.P)[1])
-    odds = numbers.fixed * math.exp(min(numbers.temper * surface + outline + volume, MAX_EXPONENT))
-    fixed = odds / (1.0 + odds)
-    better, worse, less = (alone, estimate, 1.0 - fixed) if fixed > 0.5 else (estimate, alone, fixed)
-    found = mixed_estimate(target, better, worse, less)
+    odds = math.log(numbers.fixed) + numbers.temper * surface + outline + volume
+    found = mixed_estimate(target, [estimate, alone], [0.0, odds])
     return changed_estimate(found, confirmed=estimate.confirmed)
 
 

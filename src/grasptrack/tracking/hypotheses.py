@@ -412,8 +412,7 @@ class Solutions:
         right = min(max(1.0 / (1.0 + math.exp(-gain)), fails), 1.0 - fails)
         if right > 0.5 and shown and self._stands_still(estimate, other.G):
             self._note_marks(estimate, other.G, still=True)
-        better, worse, less = (other, estimate, 1.0 - right) if right > 0.5 else (estimate, other, right)
-        found = mixed_estimate(target, better, worse, less)
+        found = mixed_estimate(target, [estimate, other], [math.log(1.0 - right), math.log(right)])
         return changed_estimate(found, confirmed=estimate.confirmed)
 
     def _against_fixed_surface(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate:

@@ -179,9 +179,7 @@ def find(
     outlines = [claim.view for claim in settled]
     outlines += [v for v in beside if not any(overlap_share(v, o) > LEAST_OVERLAP for o in outlines)]
     answers = [_instance_of(claim, outlines) for claim in [*settled, *doubted]]
-    return sorted(
-        answers, key=lambda a: (not a.found, not a.mirrored, -min(a.room, a.view.outer.area), -a.edge, -a.confidence)
-    )
+    return sorted(answers, key=lambda a: (not a.found, not a.mirrored, -a.room, -a.edge, -a.confidence))
 
 
 def _instance_of(claim: PartClaim, others: list[View]) -> Instance:

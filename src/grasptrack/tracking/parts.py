@@ -25,6 +25,8 @@ from grasptrack.typing import Floats, Pixels
 
 MARGIN, MARGIN_PX = 0.25, 16
 """Share of sqrt(area), and px, of the first image that are kept round a part."""
+FILLED = 0.15
+"""Share of an image's width that a piece fills of which nobody says from where it is."""
 LONGEST_NAME = 60
 """Characters of a part's name."""
 MOST_GRASPS = 10
@@ -49,6 +51,7 @@ class KnownPart:
         friction: Coulomb coefficient between finger and part.
         finger: px, width of a finger, and how far back it and its way in need room.
         px_per_mm: scale of the first image; NaN where it is not known.
+        origin: px of the piece, width and middle (x, y) of the first image: from where it was seen. None: from above.
         face_up: it never lies turned over, so that what is nearly its own mirror image is not refused for that;
             `dataclasses.replace` says so.
     """
@@ -62,6 +65,7 @@ class KnownPart:
     finger: tuple[float, float]
     px_per_mm: float = math.nan
     face_up: bool = False
+    origin: tuple[float, float, float] | None = None
 
     @classmethod
     @arguments.checked(image=arguments.array(unbounded=True), friction=arguments.number)
@@ -106,6 +110,7 @@ class KnownPart:
             friction,
             (size.finger_width, size.finger_thickness + size.clearance),
             math.nan if hand is None or hand.px_per_mm is None else hand.px_per_mm,
+            origin=(float(colours.shape[1]), colours.shape[1] / 2.0 - low[0], colours.shape[0] / 2.0 - low[1]),
         )
         part.check_values()
         return part
@@ -125,6 +130,8 @@ class KnownPart:
             raise InputError(f"friction must be a positive number, not {self.friction:g}", friction=self.friction)
         if not (self.px_per_mm > 0.0 or math.isnan(self.px_per_mm)) or math.isinf(self.px_per_mm):
             raise InputError(f"the scale must be a positive number of px per mm, not {self.px_per_mm:g}")
+        if self.origin is not None and not (self.origin[0] > 0.0 and np.isfinite(self.origin).all()):
+            raise InputError(f"the first image has a width above 0 px and a middle, not {self.origin}")
         if not all(0.0 < length < math.inf for length in self.finger):
             raise InputError(f"a finger has a width and a reach above 0 px, not {self.finger}")
         low, high = self.view.outer.points.min(axis=0), self.view.outer.points.max(axis=0)
@@ -143,6 +150,12 @@ class KnownPart:
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_prepared"}
+
+    @property
+    def seen_from(self) -> tuple[float, float, float]:
+        """Its origin, or that of what lay in the middle of an image and filled a usual part of it."""
+        height, width = self.image.shape[:2]
+        return self.origin or (width / FILLED, width / 2.0, height / 2.0)
 
     @property
     def size_mm(self) -> tuple[float, float]:
@@ -166,6 +179,7 @@ class KnownPart:
             self.friction,
             self.finger,
             self.px_per_mm,
+            origin=self.origin and (self.origin[0], self.image.shape[1] - self.origin[1], self.origin[2]),
         )
 
     @property

@@ -3,6 +3,7 @@
 
 import copy
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -69,11 +70,28 @@ def changed_estimate(estimate: PoseEstimate, *, origin: str | None = None, confi
     return other
 
 
-def mixed_estimate(target: Target, estimate: PoseEstimate, other: PoseEstimate, probability: float) -> PoseEstimate:
-    """An estimate whose covariances are those of its mixture with another one, which is right with a probability."""
-    d = target.pose_difference(estimate.G, other.G)
-    P = estimate.P + probability * (other.P - estimate.P + np.outer(d, d))
-    found: PoseEstimate = target.handle.known_by(estimate, P)
+def mixed_estimate(target: Target, estimates: Sequence[PoseEstimate], evidence: Sequence[float]) -> PoseEstimate:
+    """The one of some estimates for which there is most evidence, nats, with the covariances of the mixture of all."""
+    weights = np.exp(np.array(evidence) - max(evidence))
+    best, P = estimates[int(weights.argmax())], np.zeros((8, 8))
+    for e, weight in zip(estimates, weights / weights.sum(), strict=True):
+        d = target.pose_difference(best.G, e.G)
+        P += weight * (e.P + np.outer(d, d))
+    found: PoseEstimate = target.handle.known_by(best, P, best.beforehand)
+    return found
+
+
+def image_information(estimate: PoseEstimate) -> Floats:
+    """(8, 8) what the image alone tells of a pose's error, 1 / work px^2, without what was known beforehand."""
+    told, axes = np.linalg.eigh(np.linalg.inv(estimate.P) - estimate.beforehand)
+    return np.asarray((axes * told.clip(0.0)) @ axes.T)
+
+
+def known_by_image(target: Target, estimate: PoseEstimate, instead: Floats) -> PoseEstimate:
+    """An estimate as exact as the image makes it beside what is known instead (8, 8) of what was known beforehand."""
+    beforehand = np.linalg.inv(instead)
+    P = np.linalg.inv(image_information(estimate) + beforehand)
+    found: PoseEstimate = target.handle.known_by(estimate, P, beforehand)
     return found
 
 

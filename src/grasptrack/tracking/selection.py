@@ -85,12 +85,19 @@ def frame_about(view: View, numbers: Numbers) -> WorkFrame:
     return WorkFrame(A, (width, height), ((outer - low) * s).mean(axis=0), length * s)
 
 
+def _whole_frame(image: Grey) -> tuple[float, float, float]:
+    """The origin of an image that was cut out of none."""
+    height, width = image.shape
+    return float(width), width / 2.0, height / 2.0
+
+
 def make_target(
     levels: list[Grey],
     view: View,
     contacts: Floats,
     numbers: Numbers,
     hidden: Grey | None = None,
+    origin: tuple[float, float, float] | None = None,
 ) -> Target:
     """A target of the first view.
 
@@ -99,6 +106,7 @@ def make_target(
         view, contacts: the object's outline in it, and (k, 2) px.
         numbers: the core's.
         hidden: (H, W) nonzero where no image shows anything of the scene.
+        origin: width and middle (x, y) of the image that the first one was cut out of, px of that piece; None of a whole one.
     """
     frame = frame_about(view, numbers)
     A, (width, height), size = frame.A, frame.crop, frame.size
@@ -136,7 +144,8 @@ def make_target(
         np.ascontiguousarray(work_contacts),
         *_region_cells(image, mask, points, normals, size),
     )
-    recipe = Recipe(arguments, hidden_levels(hidden) if hidden is not None and hidden.any() else None)
+    covered = hidden_levels(hidden) if hidden is not None and hidden.any() else None
+    recipe = Recipe(arguments, origin or _whole_frame(levels[0]), covered)
     target = recipe.build_target()
     counts = []
     stride, reduced, count = 1, image, MAX_PATCHES

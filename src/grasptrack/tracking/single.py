@@ -15,7 +15,9 @@ from grasptrack.tracking.pose import (
     Hypothesis,
     PoseEstimate,
     contact_tolerance,
+    known_by_image,
     max_contact_distance,
+    mixed_estimate,
 )
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target
@@ -23,6 +25,12 @@ from grasptrack.typing import Floats
 
 DOUBTED_TEXTURE = 4.0
 """Grey levels of texture that compression, light and dust make in one image, and another of the same surface need not show."""
+THICK = 1.5
+"""Standard deviations of a part's thickness by which it is thick, where its side may be what is seen."""
+THICK_ODDS = -0.5 * THICK**2
+"""Log of how much less probable that is than that it is thin."""
+SLID = 3.0
+"""Times the tolerance by which another answer is looked for along the way in which an outline slides along itself."""
 UNKNOWN_PRESENCE = 0.5
 """Prior probability that an image of which nothing is known shows the object."""
 
@@ -55,7 +63,7 @@ def single_estimate(state: TrackState, levels: list[Grey], hypothesis: Hypothesi
         trial = Hypothesis(hypothesis.origin, G, P, reach)
         found = estimate_pose(state, levels, trial, blur_share=WHOLE_WAY if reach > 0.0 else None, still=True)
         # a prior is where to begin, not knowledge: an outline that slides along itself is exact by nothing else
-        return [] if found is None else [known_by_image(state, found, P, target.noise_of_view)]
+        return [] if found is None else [known_by_image(target, found, target.noise_of_view)]
 
     tight = hypothesis.P * numbers.predicted**2
     found = solve_from(hypothesis.G, tight) + solve_from(hypothesis.G, hypothesis.P)
@@ -66,17 +74,34 @@ def single_estimate(state: TrackState, levels: list[Grey], hypothesis: Hypothesi
     if best is None or texture_evidence(state, best) > 0.0:
         return best
     # what shows another surface is no more exact by what that has in common with this one by chance
-    begun = Hypothesis(hypothesis.origin, best.G, tight)
-    alone = estimate_pose(state, levels, begun, still=True, surface=False)
-    return best if alone is None else known_by_image(state, alone, begun.P, target.noise_of_view)
+    return _by_edges(state, levels, Hypothesis(hypothesis.origin, best.G, tight)) or best
 
 
-def known_by_image(state: TrackState, estimate: PoseEstimate, prior: Floats, instead: Floats) -> PoseEstimate:
-    """An estimate that began with a prior (8, 8), as exact as the image makes it beside what is known instead (8, 8)."""
-    told, axes = np.linalg.eigh(np.linalg.inv(estimate.P) - np.linalg.inv(prior))
-    information = (axes * told.clip(0.0)) @ axes.T + np.linalg.inv(instead)
-    known: PoseEstimate = state.target.handle.known_by(estimate, np.linalg.inv(information))
-    return known
+def _by_edges(state: TrackState, levels: list[Grey], begun: Hypothesis) -> PoseEstimate | None:
+    """The pose by the outline alone, as exact as it is where the part may be thin or thick and its outline slides along itself.
+
+    An edge that is a little off is explained as well by a part that leans as by one whose side is seen, and near an answer
+    each of these looks sure: so each is made exact, and all of them weighed.
+    """
+    target, thick = state.target, thick_part(state)
+    slid = [s * SLID * target.numbers.tolerance_px * target.slide for s in (-1.0, 1.0)] if target.slides else []
+    found, evidence = list[PoseEstimate](), list[float]()
+    starts = [begun, *(replace(begun, G=target.handle.moved(begun.G, d), P=begun.P + np.outer(d, d)) for d in slid)]
+    for start in starts:
+        for explained, prior in ((state, 0.0), (thick, THICK_ODDS)):
+            e = estimate_pose(explained, levels, start, still=True, surface=False)
+            if e is not None:
+                found.append(known_by_image(target, e, target.noise_of_view))
+                evidence.append(prior + pose_evidence(state, found[-1]))
+    return mixed_estimate(target, found, evidence) if found else None
+
+
+def thick_part(state: TrackState) -> TrackState:
+    """The same, were the part thick and its sides seen."""
+    sd = state.numbers.thickness_sd * state.target.size
+    nuisance, covariance = state.nuisance.copy(), state.nuisance_covariance.copy()
+    nuisance[0], covariance[0, 0] = THICK * sd, (0.5 * THICK * sd) ** 2
+    return replace(state, nuisance=nuisance, nuisance_covariance=covariance, sides=1.0)
 
 
 def decide_single(state: TrackState, estimates: list[PoseEstimate]) -> Decision:

@@ -30,6 +30,8 @@ GUESSED_TILT = 0.01
 OPEN_SHAPE, OPEN_TILT = 0.3, 0.05
 """Shares by which the shape and the perspective of a pose may be off that nothing tells: what 45 degrees stretch, and bend in
 an image that is 70 degrees wide, of which an object fills 0.15."""
+FREELY = 1e-12
+"""Mean square by which edges move at least, where an outline slides along itself and none moves."""
 CONTACTS_FIRST = 1e6
 """By how much a contact counts for more than the whole outline where a bend is taken for a pose's error."""
 POSE_ENTRIES = ((0, 2, 1), (1, 2, 1), (0, 0, 1), (0, 1, 1), (1, 0, 1), (1, 1, 1), (2, 0, -1), (2, 1, -1))
@@ -63,17 +65,20 @@ class Recipe:
 
     Attributes:
         arguments: of `kernels.PoseTarget`.
+        origin: width and middle (x, y) of the image that the first one was cut out of, or its own, px of the first one.
         hidden: pyramid of what is hidden, or None.
         textures: of each `add_texture`: the pyramid of the first image, (n, 2) work px, and work px between pixels.
     """
 
     arguments: tuple[Any, ...]
+    origin: tuple[float, float, float]
     hidden: list[Grey] | None = None
     textures: list[tuple[list[Grey], Floats, float]] = field(default_factory=list)
 
     def build_target(self) -> Any:
         """A kernel's target; the same recipe always gives the same one."""
         made = kernels.PoseTarget(*self.arguments)
+        made.taught_by(*self.origin)
         if self.hidden is not None:
             made.hide(self.hidden)
         for texture in self.textures:
@@ -179,13 +184,37 @@ class Target:
         places = np.concatenate([self.points, self.work_contacts])
         weight = np.where(np.arange(len(places)) < len(self.points), 1.0, CONTACTS_FIRST * len(self.points))
         u, v = ((places - self.centre) / (0.5 * self.size)).T
-        one, no = np.ones(len(places)), np.zeros(len(places))
         A, B = np.zeros((8, 8)), np.zeros((8, 16))
-        for row in ([one, no, u, v, no, no, u * u, u * v], [no, one, no, no, u, v, u * v, v * v]):
-            J = np.array(row)
+        for J in self._rows_at(places):
             A += J * weight @ J.T
             B += np.concatenate([J * (weight * u) @ J.T, J * (weight * v) @ J.T], axis=1)
         return np.asarray(np.linalg.solve(A, B), dtype=np.float64)
+
+    @cached_property
+    def slide(self) -> Floats:
+        """(8,) the pose's error by which contacts move by 1 px, root mean square, while edges move least, outward or inward.
+
+        An outline of few arcs slides along itself: the arc of half a disc by 14 times as far as edges move, an L by 5.
+        """
+        across = np.einsum("xkn,nx->kn", self._rows_at(self.points), self.normals)
+        least, axes = np.linalg.eigh(across @ across.T / across.shape[1])
+        unit = axes / np.sqrt(np.maximum(least, FREELY))  # each moves edges by 1 px, root mean square
+        moved = np.concatenate(list(self._rows_at(self.work_contacts).transpose(0, 2, 1))) @ unit
+        _, far, ways = np.linalg.svd(moved * math.sqrt(2.0 / len(moved)))
+        return np.asarray(unit @ ways[0] / far[0], dtype=np.float64)
+
+    @cached_property
+    def slides(self) -> bool:
+        """Whether contacts can be off by more than is asked for while edges are where they are expected."""
+        across = np.einsum("xkn,nx,k->n", self._rows_at(self.points), self.normals, self.slide)
+        moved = math.sqrt(float(across @ across) / len(across))
+        return not self.is_round and moved * self.numbers.tolerance_px < self.numbers.edge_floor
+
+    def _rows_at(self, places: Floats) -> Floats:
+        """(2, 8, n) by how much places (n, 2) work px move along x and y with each number of the pose's error."""
+        u, v = ((places - self.centre) / (0.5 * self.size)).T
+        one, no = np.ones(len(places)), np.zeros(len(places))
+        return np.array([[one, no, u, v, no, no, u * u, u * v], [no, one, no, no, u, v, u * v, v * v]])
 
     @cached_property
     def sides(self) -> tuple[float, list[Floats]]:
