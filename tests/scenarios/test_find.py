@@ -182,7 +182,7 @@ def test_a_crescent_slides_along_itself_and_is_not_given() -> None:
 
 
 def test_crescents_in_one_plane_tell_each_other_how_far_they_slid() -> None:
-    """All but how far all of them slid together, which the tilt of what taught them leaves open: some are as exact as is asked."""
+    """But not how far all of them slid together, which the tilt of what taught them leaves open: some are exact enough."""
     places = [(x, y) for x in (150.0, 400.0, 650.0, 900.0) for y in (150.0, 400.0, 650.0)]
     angles = [0.3 + 0.7 * k for k in range(12)]
     shapes = [turned(0.8 * CRESCENT, angle) for angle in angles]
