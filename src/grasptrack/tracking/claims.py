@@ -54,7 +54,14 @@ from grasptrack.tracking.pose import (
 )
 from grasptrack.tracking.redetection import MAX_UNLIKE
 from grasptrack.tracking.selection import make_target
-from grasptrack.tracking.single import THICK_ODDS, UNKNOWN_PRESENCE, pose_hypothesis, single_estimate, thick_part
+from grasptrack.tracking.single import (
+    THICK_ODDS,
+    UNKNOWN_PRESENCE,
+    pose_hypothesis,
+    single_estimate,
+    surely_shown,
+    thick_part,
+)
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import build_pyramid, hidden_levels
 from grasptrack.typing import Floats
@@ -315,7 +322,7 @@ def claims_in_plane(settled: list[PartClaim], doubted: list[PartClaim], search: 
     def solve_both(k: int) -> list[tuple[PoseEstimate, PoseEstimate]]:
         """As a part that may be thin, and as a thick one."""
         claim, found = claims[k], list[tuple[PoseEstimate, PoseEstimate]]()
-        shown = texture_evidence(claim.state, claim.estimate) > 0.0
+        shown = surely_shown(claim.state, claim.estimate)
         for e in claim.tried if k in vague else [claim.estimate]:
             thin = solve_in_plane(k, e, claim.state, shown)
             thick = None if shown else solve_in_plane(k, e, thick_part(claim.state), shown)

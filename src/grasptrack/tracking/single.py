@@ -71,10 +71,21 @@ def single_estimate(state: TrackState, levels: list[Grey], hypothesis: Hypothesi
         if e.elsewhere > numbers.elsewhere:
             found += solve_from(e.G, hypothesis.P + target.noise_of_guess, numbers.wide * target.size)
     best = max(found, key=lambda e: pose_evidence(state, e), default=None)
-    if best is None or texture_evidence(state, best) > 0.0:
+    if best is None:
+        return None
+    if surely_shown(state, best):
         return best
+    own = numbers.temper * texture_evidence(state, best)
     # what shows another surface is no more exact by what that has in common with this one by chance
-    return _by_edges(state, levels, Hypothesis(hypothesis.origin, best.G, tight)) or best
+    alone = _by_edges(state, levels, Hypothesis(hypothesis.origin, best.G, tight))
+    if alone is None or own > 0.0:
+        return best if alone is None else mixed_estimate(target, [best, alone], [own, 0.0])
+    return alone
+
+
+def surely_shown(state: TrackState, estimate: PoseEstimate) -> bool:
+    """Whether it shows the object's own surface beyond doubt: what two surfaces have in common by chance is much less."""
+    return state.numbers.temper * texture_evidence(state, estimate) > -2.0 * math.log(state.numbers.risk)
 
 
 def _by_edges(state: TrackState, levels: list[Grey], begun: Hypothesis) -> PoseEstimate | None:
