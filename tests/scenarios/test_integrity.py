@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contacts that are given are right: another object, a near twin, a turned symmetric one or a cover is never taken for it."""
 
+import zlib
+from itertools import islice
+
+import cv2
 import numpy as np
 import pytest
 
+from grasptrack_bench.methods import method_makers
+from grasptrack_bench.scenes import SceneCase, built_in, show_scene
 from grasptrack_bench.simulation import SHAPES, Shape
 from grasptrack_bench.simulation.textures import TextureMap
 from stages import DARK, EVEN, HEIGHT, METAL, WIDTH, Run, bar, mirrored, photo, pose, regular, twin
@@ -290,3 +296,22 @@ def test_a_new_grasp_is_chosen_on_the_object_that_needs_one() -> None:
     assert result.grasp_id == 2
     assert result.contacts is not None
     assert (np.abs(result.contacts[:, 0] - 112.0) < 50.0).all()
+
+
+def test_what_a_part_mirrors_moves_by_itself_and_is_none_of_it() -> None:
+    """It led the grasp off by 20 px, sure of it: a surface is a witness once it was seen to be fast to the outline."""
+    start, shown = show_scene(SceneCase(built_in(["arrow"])[0], "hand-camera", 0, 40, seed=31).scene())
+    rng, method = np.random.default_rng(zlib.crc32(b"glossarrowhand-camera31")), method_makers(["auto"])["auto"](start)
+    width, height = start.size
+    mirror = cv2.GaussianBlur(rng.uniform(0, 255, (2 * height, 2 * width)).astype(np.float32), (0, 0), 25)
+    mirror, speed = (mirror - mirror.mean()) / mirror.std() * 60.0, rng.uniform(-4.0, 4.0, 2)
+    off = list[float]()
+    for k, frame in enumerate(islice(shown, 20)):
+        inside = np.zeros((height, width), np.uint8)
+        cv2.fillPoly(inside, [np.rint(frame.truth.carry_points(o)).astype(np.int32) for o in start.outline], (1,))
+        seen = np.roll(mirror, (speed * k).astype(int)[::-1], (0, 1))[:height, :width] * inside
+        image = np.clip(frame.image + (seen if frame.image.ndim == 2 else seen[..., None]), 0.0, 255.0).astype(np.uint8)
+        result = method.update(image, frame.time)
+        if result.contacts is not None:
+            off.append(float(np.hypot(*(result.contacts - frame.truth.carry_points(start.contacts)).T).max()))
+    assert len(off) >= 4 and max(off) < 5.0, off

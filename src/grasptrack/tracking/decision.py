@@ -21,6 +21,7 @@ from grasptrack.tracking.evidence import (
     other_surface_odds,
     outline_evidence,
     outline_open_probability,
+    slip_probability,
     surface_evidence,
     texture_evidence,
     unoccluded_evidence,
@@ -346,7 +347,8 @@ def decide_pose(
     apart = apart_probability(state, chosen)
     false_edge = outline_open_probability(state, chosen)
     fixed = fixed_probability(state, chosen, marks, allowed)
-    off, here = any_of(absent, outside, other, apart, state.alias, false_edge, fixed), own / (own + elsewhere)
+    slip = slip_probability(state, chosen)
+    off, here = any_of(absent, outside, other, apart, state.alias, false_edge, fixed, slip), own / (own + elsewhere)
     sigma, place = math.sqrt(variance), {"presence": here, "edges": chosen.edge_share}
     unlike = "other-shape" if chosen.other_shape > 0.0 else "other-surface"
     worst, doubt, told = max(
@@ -354,6 +356,7 @@ def decide_pose(
         (state.alias, "lookalike", place),
         (apart, "apart", {"probability": apart}),
         (fixed, "image-fixed", {"probability": fixed}),
+        (slip, "other-shape", {"probability": slip}),
         (outside, "uncertain", {"sigma": sigma, "tolerance": allowed}),
         (other, unlike, {"probability": other}),
         key=lambda each: each[0],

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hypotheses of the pose made exact (`kernels.PoseTarget.solve`), and the state in the first image."""
 
+import math
+
 import numpy as np
 
 from grasptrack.tracking.camera import Beforehand
@@ -117,6 +119,7 @@ def first_state(
         unasked=[np.ones(n, dtype=bool) for n in target.counts],
         time=time,
         belt=before.belt,
+        slip=math.log(numbers.witness_fails / (1.0 - numbers.witness_fails)),
     )
     own = estimate_pose(state, levels, Hypothesis("first", target.A, state.P))
     if own is not None:

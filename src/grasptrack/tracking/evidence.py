@@ -205,6 +205,27 @@ def outline_open_probability(state: TrackState, estimate: PoseEstimate) -> float
     return false * float((unseen * np.maximum(0.0, 1.0 - contact_testimony(state, estimate) / SEEN)).max())
 
 
+def astray_share(state: TrackState, estimate: PoseEstimate) -> float:
+    """Share of the outline whose edge lies elsewhere, of what later views showed of it as far as there are some."""
+    seen = float(state.shown.sum())
+    if seen > state.numbers.contradicted * len(state.shown):
+        return float(state.shown @ estimate.other) / seen
+    return estimate.elsewhere
+
+
+def slip_probability(state: TrackState, estimate: PoseEstimate) -> float:
+    """Probability that a surface which is not fast to its outline, as a reflection is not, has led a pose astray.
+
+    Only where the outline denies that pose, or says nothing for it.
+    """
+    if texture_evidence(state, estimate) <= 0.0:
+        return 0.0
+    alone = (
+        1.0 if estimate.denied else 1.0 / (1.0 + math.exp(min(outline_evidence(estimate, state.numbers), MAX_EXPONENT)))
+    )
+    return alone / (1.0 + math.exp(-state.slip))
+
+
 def fixed_probability(state: TrackState, estimate: PoseEstimate, marks: FixedMarks | None, allowed: float) -> float:
     """Probability that what is seen is fixed in the image, as a crosshair, and not the object's.
 

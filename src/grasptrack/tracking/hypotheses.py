@@ -16,6 +16,7 @@ from grasptrack.tracking.estimator import SHARP, WHOLE_WAY, estimate_pose
 from grasptrack.tracking.evidence import (
     STILL_FROM,
     Agreement,
+    astray_share,
     expected_texture,
     outline_evidence,
     pose_evidence,
@@ -321,7 +322,8 @@ class Solutions:
                     estimate = changed_estimate(estimate, confirmed=True)
             if not still and estimate.hidden > state.numbers.elsewhere:
                 estimate = self._against_shutter(estimate, hypothesis)
-            self.found.append(self._against_fixed_surface(self._against_outline(estimate, still=still), still=still))
+            estimate = self._against_outline(estimate, hypothesis.G, still=still)
+            self.found.append(self._against_fixed_surface(estimate, still=still))
 
     def _against_shutter(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> PoseEstimate:
         """An estimate, or the one through a shutter that is open but for a moment, if this and former images speak for that.
@@ -371,7 +373,7 @@ class Solutions:
             self._second.append((found, found))
         return found
 
-    def _against_outline(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate:
+    def _against_outline(self, estimate: PoseEstimate, begun: Floats, *, still: bool) -> PoseEstimate:
         """An estimate that much of the outline contradicts, or what the outline says alone; with the spread of both.
 
         Surface and outline are two witnesses, either of which may fail as a whole: compression, a reflection or dirt holds
@@ -379,8 +381,7 @@ class Solutions:
         is no witness; where less of the rest lies elsewhere it agrees with the surface.
         """
         state, target, numbers = self._state, self._state.target, self._state.numbers
-        seen, least = float(state.shown.sum()), numbers.contradicted
-        own = float(state.shown @ estimate.other) / seen if seen > least * len(state.shown) else estimate.elsewhere
+        own, least = astray_share(state, estimate), numbers.contradicted
         ground = self._background
         if ground is not None and not self._stands_still(estimate, ground):
             ground = None
@@ -393,9 +394,13 @@ class Solutions:
         start = estimate.G
         if ground is not None or self._stands_still(estimate, state.last.G):
             start = state.last.G if ground is None else ground
-        other = self._outline_alone(estimate, start, still=still)
-        if other is None or lead_alike(target, other, estimate):
+        other = self._outline_alone(estimate, [start, begun], still=still)
+        if other is not None and lead_alike(target, other, estimate):
             return estimate
+        denied = changed_estimate(estimate)
+        denied.denied = ground is None
+        if other is None:
+            return denied
         if shown and self._is_whole(other):
             self._note_marks(estimate, other.G, still=False)
         gain, fails = outline_evidence(other, numbers) - outline_evidence(estimate, numbers), numbers.risk
@@ -403,9 +408,9 @@ class Solutions:
         if ground is not None or (not covered and self._stands_still(estimate, other.G)):
             # what is fixed in the image explains a surface at rest as well as the object does
             if gain < math.log(fails):
-                return estimate
+                return denied
         elif not self._is_whole(other):
-            return estimate
+            return denied
         else:
             gain, fails = pose_evidence(state, other) - pose_evidence(state, estimate), numbers.witness_fails
         gain = min(max(gain, -MAX_LOG_ODDS), MAX_LOG_ODDS)
@@ -413,7 +418,10 @@ class Solutions:
         if right > 0.5 and shown and self._stands_still(estimate, other.G):
             self._note_marks(estimate, other.G, still=True)
         found = mixed_estimate(target, [estimate, other], [math.log(1.0 - right), math.log(right)])
-        return changed_estimate(found, confirmed=estimate.confirmed)
+        found.confirmed = estimate.confirmed
+        if max_contact_distance(other.contacts, estimate.contacts) > contact_tolerance(other.area, numbers):
+            found.slipped = right
+        return found
 
     def _against_fixed_surface(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate:
         """An estimate, against a surface that may all be fixed in the image: its patches have not moved, the outline has."""
@@ -429,10 +437,9 @@ class Solutions:
             return estimate
         return against_fixed_surface(state, self._levels, estimate, self._at_rest, still=still)
 
-    def _outline_alone(self, estimate: PoseEstimate, start: Floats, *, still: bool) -> PoseEstimate | None:
-        """What the outline says alone from a pose (3, 3), or from where it was when it contradicted the same surface before."""
+    def _outline_alone(self, estimate: PoseEstimate, starts: list[Floats], *, still: bool) -> PoseEstimate | None:
+        """What the outline says alone from poses (3, 3), or from where it was when it contradicted the same surface before."""
         state, marks = self._state, self._state.marks
-        starts = [start]
         if marks is not None and marks.object_pose is not None and stands_at(state.target, estimate.G, marks.G):
             starts.append(marks.object_pose)
         P, found = estimate.P + ALONE**2 * state.target.noise_of_motion, list[PoseEstimate]()

@@ -10,13 +10,24 @@ from grasptrack.errors import ConditioningError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.decision import Decision, squared_way
 from grasptrack.tracking.evidence import (
+    STILL_FROM,
     agreeing_share,
+    astray_share,
     contact_testimony,
+    outline_evidence,
     outline_surprisal,
     stands_at,
+    texture_evidence,
 )
 from grasptrack.tracking.hypotheses import Predictions
-from grasptrack.tracking.pose import CONTINUOUS, Look, PoseEstimate, is_at, mean_point
+from grasptrack.tracking.pose import (
+    CONTINUOUS,
+    Look,
+    PoseEstimate,
+    is_at,
+    max_contact_distance,
+    mean_point,
+)
 from grasptrack.tracking.state import SHORTEST_STEP, Coasting, TrackState, nothing_visible
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
@@ -29,6 +40,8 @@ LOOK_TO_SPREAD = 1.3
 """A standard deviation over the median of the inner side's differences, with some room."""
 LEAST_INNER_SPREAD, MOST_INNER_SPREAD = 6.0, 30.0
 """Grey levels between which the inner spread stays."""
+FAST_FROM = 3.0
+"""Times as far as it takes to have moved, from which on a surface that still lies where the outline does is fast to it."""
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
 FIRST_IMAGES = 2
@@ -90,6 +103,7 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     _learn_thickness(state, e, new)
     state.shutter.learn_readout(e.readout, e.readout_variance, new)
     _learn_looks(state, e)
+    _learn_slip(state, e)
     if math.isfinite(e.edge_width):
         state.edge_width = e.edge_width
     if math.isfinite(e.blur):
@@ -246,6 +260,22 @@ def _learn_thickness(state: TrackState, estimate: PoseEstimate, new: float) -> N
     state.nuisance[0], state.nuisance_covariance[0, 0] = thickness, after * before / both
     if math.isfinite(estimate.sides) and thickness**2 > state.nuisance_covariance[0, 0]:  # there are sides
         state.sides += new * (estimate.sides - state.sides)
+
+
+def _learn_slip(state: TrackState, estimate: PoseEstimate) -> None:
+    """Whether the surface is fast to the outline: what moves by itself would seldom be found where the outline is."""
+    numbers = state.numbers
+    if estimate.slipped > 0.0:
+        state.slip += math.log(estimate.slipped / (1.0 - estimate.slipped))
+        return
+    shown = min(outline_evidence(estimate, numbers), texture_evidence(state, estimate))
+    agrees = 1.0 - astray_share(state, estimate) / numbers.contradicted
+    if agrees <= 0.0 or shown < -math.log(numbers.risk):
+        return
+    before = state.target.contacts if state.fast is None else state.fast
+    moved = max_contact_distance(estimate.contacts, before)
+    if moved > FAST_FROM * STILL_FROM:
+        state.slip, state.fast = state.slip + 2.0 * agrees * math.log(STILL_FROM / moved), estimate.contacts
 
 
 def _learn_looks(state: TrackState, estimate: PoseEstimate) -> None:

@@ -314,6 +314,8 @@ class TrackState:
         lookalike: something just like it was seen elsewhere; beside: the same, while it was seen in its place itself.
         equals: (n, 2) work px from the object's middle to those of what is just like it in the first view.
         alias: probability that one of them has been followed since.
+        slip: log-odds that its surface moves by itself, as a reflection does.
+        fast: (k, 2) px, the contacts when it was last seen that it does not; None where that was in the first image.
         sighted: (3, 3) where something like it was seen in the last image, but not believed to be it; None where nothing was.
     """
 
@@ -378,6 +380,8 @@ class TrackState:
     equals: Floats = field(default_factory=lambda: np.empty((0, 2)))
     alias: float = 0.0
     sighted: Floats | None = None
+    slip: float = 0.0
+    fast: Floats | None = None
 
     @property
     def numbers(self) -> Numbers:
