@@ -251,10 +251,11 @@ def run_tray(names: Sequence[str], laid: str, seed: int, picture: File | None) -
     answers = find(image, [kind.part for kind, _ in taught])
     told = judge(answers, lying, time.perf_counter() - begun)
     if picture is not None:
-        from grasptrack.view.instances import write_instances
+        from grasptrack.view.instances import draw_instances
+        from grasptrack.view.style import write_picture
 
         picture.mkdir(parents=True, exist_ok=True)
-        write_instances(picture / f"{laid} {seed}.png", image, answers)
+        write_picture(picture / f"{laid} {seed}.png", draw_instances(image, answers))
     return told
 
 

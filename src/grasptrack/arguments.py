@@ -194,7 +194,11 @@ def array(*shape: int | EllipsisType | None, unbounded: bool = False) -> Check:
         if made.dtype.kind not in "buif":
             return wanted
         sides = made.shape[made.ndim - len(last) :] if open_ended else made.shape
-        if shape and sides != last and not _matches(last, sides):
+        if (
+            shape
+            and sides != last
+            and (len(sides) != len(last) or any(n not in (None, m) for n, m in zip(last, sides, strict=True)))
+        ):
             return wanted
         if unbounded or made.dtype.kind != "f":
             return ""
@@ -203,7 +207,3 @@ def array(*shape: int | EllipsisType | None, unbounded: bool = False) -> Check:
         return "" if bool(np.isfinite(made).all()) else wanted
 
     return of_numbers
-
-
-def _matches(shape: tuple[Any, ...], sides: tuple[int, ...]) -> bool:
-    return len(sides) == len(shape) and all(n in (None, m) for n, m in zip(shape, sides, strict=True))

@@ -62,12 +62,6 @@ class Channel(NamedTuple):
 PLAIN = Channel()
 
 
-def _is_picture(image: object) -> bool:
-    """Whether it is an image of Pillow's, which need not be loaded for that."""
-    pillow = sys.modules.get("PIL.Image")
-    return pillow is not None and isinstance(image, pillow.Image)
-
-
 def array_of_picture(picture: Any) -> NDArray[Any]:
     """An image of Pillow's, whose colours are in the order RGB, as (H, W), BGR (H, W, 3) or BGRA (H, W, 4)."""
     if picture.mode in ("1", "L", "F") or picture.mode.startswith("I"):
@@ -79,7 +73,9 @@ def array_of_picture(picture: Any) -> NDArray[Any]:
 
 def _check_image(image: NDArray[Any]) -> NDArray[np.uint8]:
     """The image as 8 bit, (H, W), (H, W, 3) or (H, W, 4)."""
-    array = array_of_picture(image) if _is_picture(image) else np.asarray(image)
+    pillow = sys.modules.get("PIL.Image")  # who has a picture of Pillow's has loaded it
+    is_picture = pillow is not None and isinstance(image, pillow.Image)
+    array = array_of_picture(image) if is_picture else np.asarray(image)
     if array.ndim == 3 and array.shape[2] == 1:
         array = array[:, :, 0]
     if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] not in (3, 4)):

@@ -134,7 +134,7 @@ def run_app(app: typer.Typer, arguments: Sequence[str], program: str, alone: Cal
             sys.stdout.flush()
             return status if isinstance(status, int) else DONE
         except (InputError, ObservationError) as error:
-            return _report_failure(error, BAD_INPUT, struck.now)
+            return _report_failure(error, BAD_INPUT, struck.is_set())
         except (KeyboardInterrupt, typer.Abort, RunInterruptedError) as error:
             tell_error(str(error) or "interrupted")
             return INTERRUPTED
@@ -146,11 +146,11 @@ def run_app(app: typer.Typer, arguments: Sequence[str], program: str, alone: Cal
             from grasptrack.files import is_full_disk
 
             if not is_full_disk(error):
-                return _report_failure(error, OTHER, struck.now)
+                return _report_failure(error, OTHER, struck.is_set())
             full = InputError(f'"{error.filename or "a file"}" cannot be written: {error.strerror or error}')
-            return _report_failure(full, BAD_INPUT, struck.now)
+            return _report_failure(full, BAD_INPUT, struck.is_set())
         except Exception as error:
-            return _report_failure(error, int(getattr(error, "exit_code", OTHER)), struck.now)
+            return _report_failure(error, int(getattr(error, "exit_code", OTHER)), struck.is_set())
 
 
 def _report_failure(error: Exception, status: int, struck: bool) -> int:

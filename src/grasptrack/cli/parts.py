@@ -133,13 +133,13 @@ def parts(
     """
     from grasptrack.files import keep_inputs, write_json
     from grasptrack.io.json_results import parts_to_dict
-    from grasptrack.io.parts import load_parts, part_files
+    from grasptrack.io.parts import Part, part_files
     from grasptrack.view.instances import write_parts
 
     files = part_files([folder])
     data, picture = output / "parts.json", output / "parts.png"
     keep_inputs([data, picture], files)
-    listed = load_parts(files)
+    listed = [Part.load(file) for file in files]
     help_groups.hold_until_end(output)
     write_parts(picture, listed)
     write_json(data, {**parts_to_dict(listed, [str(file) for file in files]), "files": [data.name, picture.name]})
@@ -198,14 +198,15 @@ def find(
     from grasptrack.files import keep_inputs, write_json
     from grasptrack.first_image import FirstImage
     from grasptrack.io.json_results import instances_to_dict, write_instances_csv
-    from grasptrack.io.parts import load_parts, part_files
+    from grasptrack.io.parts import Part, part_files
     from grasptrack.tracking.instances import find as find_instances
-    from grasptrack.view.instances import write_instances
+    from grasptrack.view.instances import draw_instances
+    from grasptrack.view.style import write_picture
 
     files = part_files(part)
     written = [output / name for name in ("instances.json", "instances.csv", "instances.png")]
     keep_inputs(written, [image, *files, *(path for path in (ignore, camera) if path is not None)])
-    known, calibration = load_parts(files), first_image.load_calibration(camera)
+    known, calibration = [Part.load(file) for file in files], first_image.load_calibration(camera)
     said = FirstImage.of(ignore=first_image.read_ignored(ignore))
     picture = first_image.only_image(image, "find takes one image").image
     help_groups.hold_until_end(output)
@@ -214,7 +215,7 @@ def find(
     if scene.lens is not None:
         found = [_map_to_original(one, scene.lens) for one in found]
     data, table, drawn = written
-    write_instances(drawn, picture, found)
+    write_picture(drawn, draw_instances(picture, found))
     write_instances_csv(table, found)
     asked = {"parts": [str(file) for file in files], "risk": risk, "camera": camera, "ignore": ignore}
     content = instances_to_dict(found, image, picture.shape, asked)

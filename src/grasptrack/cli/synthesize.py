@@ -91,7 +91,8 @@ def synthesize(
     title = Path(image).name
     write_grasps(page, scene.picture, planned, fingers=fingers, friction=friction, title=title, px_per_mm=scale)
     if not any(found.grasps for found in planned):
-        raise InputError(f'"{image}": {_why_none(planned)}')
+        where = "" if len(planned) == 1 else f" on any of {len(planned)} objects"
+        raise InputError(f'"{image}": no grasp{where}: {planned[0].grasps.reason}')
     if not quiet:
         _show_results(planned, scale, [*notes, f"{data}, {page}"])
 
@@ -118,11 +119,6 @@ def _map_to_original(found: Planned, lens: Undistortion) -> Planned:
     grasps = GraspList([lens.grasp_seen(g) for g in found.grasps], found.grasps.reason, found.grasps.refused)
     others = [lens.view_seen(view) for view in found.neighbours]
     return found._replace(outline=lens.view_seen(found.outline), neighbours=others, grasps=grasps)
-
-
-def _why_none(planned: Sequence[Planned]) -> str:
-    reason = planned[0].grasps.reason
-    return f"no grasp: {reason}" if len(planned) == 1 else f"no grasp on any of {len(planned)} objects: {reason}"
 
 
 def _show_results(planned: Sequence[Planned], scale: float | None, notes: list[str]) -> None:

@@ -40,23 +40,17 @@ class RunInterruptedError(Exception):
     """Ctrl-C or SIGTERM ended a run whose files are whole; the message says where they are."""
 
 
-class Struck:
-    """Whether a signal has struck."""
-
-    now = False
-
-
 @contextlib.contextmanager
-def signals_as_interrupts() -> Iterator[Struck]:
+def signals_as_interrupts() -> Iterator[threading.Event]:
     """Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt, where Python lets us: in the main thread.
 
     Some C code makes an error of its own of an exception that strikes within it, as the loading of a module does; what is
-    yielded remembers that it was a signal.
+    yielded is set where it was a signal.
     """
-    struck = Struck()
+    struck = threading.Event()
 
     def raise_interrupt(number: int, frame: FrameType | None) -> None:
-        struck.now = True
+        struck.set()
         raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
@@ -120,7 +114,7 @@ def _table_console() -> Any:
 def only_our_errors() -> Iterator[None]:
     """Keep what C libraries write to stderr while they decode a bad image from hiding the one line that names it."""
     with warnings.catch_warnings():
-        warnings.showwarning = _hold_warning
+        warnings.showwarning = lambda message, *_, **__: _held.append(str(message))
         if os.environ.get("GRASPTRACK_DEBUG") not in (None, "", "0") or not _is_process_stderr():
             yield
             return
@@ -149,10 +143,6 @@ def _is_process_stderr() -> bool:
         return sys.stderr.fileno() == 2
     except (OSError, ValueError, AttributeError):
         return False
-
-
-def _hold_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    _held.append(str(message))
 
 
 def held_warnings() -> list[str]:

@@ -67,7 +67,7 @@ def image_size_in_header(data: bytes) -> tuple[int, int] | None:
         if data.startswith(b"\xff\xd8"):
             return _jpeg_size(data)
         if data.startswith(b"BM"):
-            return _bmp_size(data)
+            return _read_pair("<HH" if data[14:18] == b"\x0c\0\0\0" else "<ii", data, 18)  # OS/2's, or Windows's
         if data[:4] in TIFF:
             first = next(tiff_directories(data), None)
             return None if first is None else first.size
@@ -117,11 +117,6 @@ def _jpeg_2000_size(data: bytes) -> tuple[int, int] | None:
         return width, height
     right, bottom, left, top = struct.unpack_from(">IIII", data, 8)
     return right - left, bottom - top
-
-
-def _bmp_size(data: bytes) -> tuple[int, int]:
-    head = int.from_bytes(data[14:18], "little")
-    return _read_pair("<HH", data, 18) if head == 12 else _read_pair("<ii", data, 18)
 
 
 class TiffDirectory(NamedTuple):

@@ -250,12 +250,3 @@ def part_files(paths: Sequence[str | Path]) -> list[Path]:
             raise InputError(f'there is no file of a part (*{SUFFIX}) in "{path}"', path=str(path))
         found += files
     return found
-
-
-def load_parts(files: Sequence[str | Path]) -> list[Part]:
-    """The parts of some files.
-
-    Raises:
-        InputError: one cannot be read, or holds no part.
-    """
-    return [Part.load(file) for file in files]

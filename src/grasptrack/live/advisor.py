@@ -7,7 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -100,18 +100,13 @@ class Failure:
     line: str
 
 
-class _Job(NamedTuple):
-    work: Callable[[], Any]
-    key: str
-
-
 class Advisor:
     """Does one thing after another in a thread of its own, and calls `answer` there with what each returns, or a `Failure`."""
 
     def __init__(self, answer: Callable[[Any], None]) -> None:
         self._answer = answer
         self._changed = threading.Condition()
-        self._jobs: deque[_Job] = deque()
+        self._jobs: deque[tuple[str, Callable[[], Any]]] = deque()  # each with its key
         self._closed = False
         self._thread = threading.Thread(target=self._do_jobs, name="grasptrack-advisor", daemon=True)
         self._thread.start()
@@ -120,8 +115,8 @@ class Advisor:
         """Add work; what waits under the same key, unless that is empty, is not done any more."""
         with self._changed:
             if key:
-                self._jobs = deque(job for job in self._jobs if job.key != key)
-            self._jobs.append(_Job(work, key))
+                self._jobs = deque(job for job in self._jobs if job[0] != key)
+            self._jobs.append((key, work))
             self._changed.notify_all()
 
     def close(self, seconds: float) -> None:
@@ -138,9 +133,9 @@ class Advisor:
                 self._changed.wait_for(lambda: self._closed or self._jobs)
                 if self._closed:
                     return
-                job = self._jobs.popleft()
+                _, work = self._jobs.popleft()
             try:
-                found = job.work()
+                found = work()
             except Exception as error:  # the next piece of work may do
                 found = Failure(f"internal error, {type(error).__name__}: {error}")
             if found is not None and not self._closed:

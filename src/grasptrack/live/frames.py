@@ -35,6 +35,8 @@ NEARLY, MOST = 0.995, 0.999
 """Probabilities that are told to a tenth of a percent; and that are told no closer."""
 FARTHEST = 1e9
 """Of lines: a friction cone under a steep homography may reach far."""
+_AS_THEY_ARE = ("number", "phase", "paused", "live", "count", "speed", "image", "friction", "fingers", "files")
+"""Attributes of `Shown` that the page is told so."""
 
 
 class Painter:
@@ -62,19 +64,10 @@ def moment_to_json(shown: Shown) -> bytes:
     """A moment, without its image."""
     told = shown.verdict
     content: dict[str, Any] = {
-        "number": shown.number,
-        "phase": shown.phase,
-        "paused": shown.paused,
-        "live": shown.live,
-        "count": shown.count,
-        "speed": shown.speed,
-        "image": shown.image,
-        "friction": shown.friction,
-        "fingers": shown.fingers,
+        **{name: getattr(shown, name) for name in _AS_THEY_ARE},
         "meant": {"on": shown.meant.object_at, "off": shown.meant.not_at, "box": shown.meant.box},
         "notice": {"number": shown.notice[0], "text": shown.notice[1]},
         "recording": {"name": shown.recording, "images": shown.recorded, "dropped": shown.dropped},
-        "files": shown.files,
         "headline": headline_of(shown)._asdict(),
         "figures": _figure_entries(shown),
         "result": None if shown.result is None else _result_entry(shown.result),

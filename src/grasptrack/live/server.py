@@ -189,11 +189,6 @@ class Hub:
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self._encoder, self._painter.message_for, shown, has, curves)
 
-    def record_round_trip(self, shown: Shown) -> None:
-        """A browser has drawn a new image."""
-        if shown.arrival is not None:
-            self.round_trips.append(time.perf_counter() - shown.arrival.at)
-
     def close(self) -> None:
         """Encode no more."""
         self._encoder.shutdown(cancel_futures=True)
@@ -342,8 +337,8 @@ class Conversation(Talk):
         shown = self._sent[number]
         self._sent = {other: s for other, s in self._sent.items() if other > number}
         self._drawn.set()
-        if shown is not None:
-            self._hub.record_round_trip(shown)
+        if shown is not None and shown.arrival is not None:
+            self._hub.round_trips.append(time.perf_counter() - shown.arrival.at)
 
 
 class Holding(Talk):

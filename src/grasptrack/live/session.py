@@ -287,8 +287,9 @@ class LiveSession(SessionLoop):
                 arrival = self._kept.get_image(command.image)
                 key = "wire-hover" if command.step == "hover" else ""
                 self._advisor.add_job(lambda: self._desk.take_step(command, arrival), key)
-            case told.Hover():
-                self._ask_hover(command)
+            case told.Hover() if self.can_hover:
+                arrival, settings = self._kept.get_image(command.image), self._settings
+                self._advisor.add_job(lambda: outline_under(command, arrival, settings), "hover")
             case told.Fingertips():
                 self._set_goal(command.servo_goal())
             case told.Teach():
@@ -378,8 +379,3 @@ class LiveSession(SessionLoop):
             self._set_shown(
                 notice=self._note("the number of fingers counts from the next choice on: the object is not located now")
             )
-
-    def _ask_hover(self, command: told.Hover) -> None:
-        if self.can_hover:
-            arrival, settings = self._kept.get_image(command.image), self._settings
-            self._advisor.add_job(lambda: outline_under(command, arrival, settings), "hover")

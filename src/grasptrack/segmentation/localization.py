@@ -116,17 +116,12 @@ def _localize_hole(
     strength, reference = hole.contour.strength, outer.contour.strength
     if strength is None or reference is None:
         return None
-    if _lower_quintile(strength) < MIN_SHARPNESS * float(np.median(reference)):
+    k = len(strength) // 5  # a fifth of the edge is less sharp
+    if float(np.partition(strength, k)[k]) < MIN_SHARPNESS * float(np.median(reference)):
         return None
     if polarity and not abs(hole.outside - outer.outside) <= HOLE_CONTRAST * abs(outer.outside - outer.inside):
         return None
     return hole.contour
-
-
-def _lower_quintile(values: Floats) -> float:
-    """The value below which a fifth of the values lie."""
-    k = len(values) // 5
-    return float(np.partition(values, k)[k])
 
 
 def background_within(image: Planes, shape: Silhouette) -> list[Chain]:

@@ -70,7 +70,9 @@ def find_quadrangles(planes: Planes, within: Point | None = None) -> list[Floats
         if share < MIN_COVERED_ALL or not cv2.isContourConvex(shape.astype(np.float32)):
             continue
         area = float(cv2.contourArea(shape.astype(np.float32)))
-        if area < MIN_QUADRANGLE or (within is not None and not _contains_point(shape, within)):
+        if area < MIN_QUADRANGLE or (
+            within is not None and cv2.pointPolygonTest(shape.astype(np.float32), within, False) < 0
+        ):
             continue
         found.append((share * math.sqrt(shares.min()) * area**AREA_POWER, shape))
     found.sort(key=lambda each: -each[0])
@@ -176,10 +178,6 @@ def _find_cycles(sides: Bools) -> list[tuple[int, int, int, int]]:
             pairs = np.triu(sides[j][np.ix_(between, between)] & sides[m][np.ix_(between, between)], 1)
             found.extend((int(between[a]), j, int(between[b]), m) for a, b in np.argwhere(pairs).tolist())
     return found
-
-
-def _contains_point(shape: Floats, at: Point) -> bool:
-    return cv2.pointPolygonTest(shape.astype(np.float32), (float(at[0]), float(at[1])), False) >= 0
 
 
 def _corner_gap(one: Floats, other: Floats) -> float:

@@ -87,11 +87,6 @@ def _draw_tag(canvas: Canvas, text: str, view: View) -> None:
     put_text(canvas.picture, text, (x + size // 2, y + round(1.2 * size)), size, style.WHITE_RGB, True)
 
 
-def write_instances(path: Path, image: NDArray[Any], found: Sequence[Instance]) -> None:
-    """The picture as a file."""
-    write_picture(path, draw_instances(image, found))
-
-
 def write_parts(path: Path, parts: Sequence[KnownPart]) -> None:
     """A sheet of parts, each with its outline and its first grasp, as a file."""
     columns = min(_COLUMNS, len(parts))

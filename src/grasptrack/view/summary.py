@@ -6,7 +6,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,17 +71,16 @@ class BinnedCurves:
         self.low = {name: np.full(self.bins, np.nan) for name in _NAMES}
         self.high = {name: np.full(self.bins, np.nan) for name in _NAMES}
         votes = np.zeros((self.bins, len(_ORDER)), dtype=np.int64)
-        for row, cells in enumerate(_read_rows(path)):
-            if row >= frames:
-                break
-            self.first = int(cells["frame"]) - row
-            place = row * self.bins // frames
-            votes[place, _ORDER.index(cells["status"])] += 1
-            for name in _NAMES:
-                if cells[name]:
-                    value = float(cells[name])
-                    self.low[name][place] = np.fmin(self.low[name][place], value)
-                    self.high[name][place] = np.fmax(self.high[name][place], value)
+        with path.open(newline="", encoding="utf-8") as file:
+            for row, cells in enumerate(islice(csv.DictReader(file), frames)):
+                self.first = int(cells["frame"]) - row
+                place = row * self.bins // frames
+                votes[place, _ORDER.index(cells["status"])] += 1
+                for name in _NAMES:
+                    if cells[name]:
+                        value = float(cells[name])
+                        self.low[name][place] = np.fmin(self.low[name][place], value)
+                        self.high[name][place] = np.fmax(self.high[name][place], value)
         self.status: NDArray[np.int64] = votes.argmax(axis=1)
 
     @property
@@ -96,11 +95,6 @@ class BinnedCurves:
         step = self.frames / self.bins
         for start, stop in pairwise(edges):
             yield _ORDER[int(self.status[start])], self.first + start * step - 0.5, self.first + stop * step - 0.5
-
-
-def _read_rows(path: Path) -> Iterator[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        yield from csv.DictReader(file)
 
 
 def write_summary(path: Path, rows: Path, strip: Filmstrip, summary: RunSummary, title: str) -> None:
