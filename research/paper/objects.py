@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from grasptrack.images import Grey
@@ -77,7 +77,7 @@ def run_objects(frames: int, seed: int, progress: Progress | None = None) -> Obj
     half = middle_frame(frames)
     returns = [transfer_and_return(f, strategy, half) for f in footage for strategy in COMPARED]
     pairs = [
-        _name_if_refused(f, transfer, found)
+        (f.part.name, transfer, found) if isinstance(found, str) else found
         for f in footage
         if f.motion == "6 DoF" and f.kind == "rendered"
         for transfer, found in (
@@ -97,7 +97,7 @@ def tables_of_objects(told: ObjectRuns) -> list[Table]:
         table_three(told.examples, half),
         table_four(told.examples, half),
         table_five(told.pairs),
-        *_tables_six(told.returns),
+        *(table_six(n, [r for r in told.returns if r.footage.motion == m]) for n, m in enumerate(MOTIONS, start=1)),
         at_a_glance(told.courses),
         *_tables_seven(told.courses, half),
     ]
@@ -121,21 +121,12 @@ def _all_footage(
     return footage, images
 
 
-def _tables_six(returns: Sequence[Return]) -> Iterator[Table]:
-    for number, motion in enumerate(MOTIONS, start=1):
-        yield table_six(number, [r for r in returns if r.footage.motion == motion])
-
-
 def _tables_seven(courses: Sequence[Course], half: int) -> list[Table]:
     """One table VII for each motion and kind of contours."""
     groups: dict[tuple[str, str], list[Course]] = {}
     for c in courses:
         groups.setdefault((c.footage.motion, c.footage.kind), []).append(c)
     return [table_seven(number, group, half) for number, group in enumerate(groups.values(), start=1)]
-
-
-def _name_if_refused(footage: Footage, transfer: str, found: Correspondences | str) -> Correspondences | RefusedPair:
-    return (footage.part.name, transfer, found) if isinstance(found, str) else found
 
 
 class Ticker:

@@ -66,17 +66,6 @@ class Followed(NamedTuple):
     answers: Answers
 
 
-def track_case(case: SceneCase) -> Followed:
-    """One rendered sequence, followed from its first image on."""
-    return followed_frames(case.disturbance, *show_scene(case.scene()))
-
-
-def followed_real(case: RealCase) -> Followed:
-    """One real video."""
-    with sequence_of(case) as (start, shown, _):
-        return followed_frames("real", start, shown)
-
-
 def followed_frames(name: str, start: MethodStart, frames: Iterable[MethodFrame]) -> Followed:
     """What the tracker says of each frame, and what is true of it."""
     off, covariance, moved, confidence, wrong = [], [], [], [], []
@@ -182,9 +171,13 @@ def least_told(sequences: Sequence[Followed]) -> tuple[int, float]:
 
 
 def followed_or_none(case: SceneCase | RealCase) -> Followed | None:
-    """One sequence; None where it holds no grasp, or nothing was located."""
+    """A rendered sequence or a real video; None where it holds no grasp, or nothing was located."""
     try:
-        found = track_case(case) if isinstance(case, SceneCase) else followed_real(case)
+        if isinstance(case, SceneCase):
+            found = followed_frames(case.disturbance, *show_scene(case.scene()))
+        else:
+            with sequence_of(case) as (start, shown, _):
+                found = followed_frames("real", start, shown)
     except GraspTrackError:
         return None
     return found if len(found.off) else None

@@ -8,7 +8,7 @@ import subprocess
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from html import escape
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -147,24 +147,12 @@ def serve_stream(_folder: Path) -> Iterator[str]:
             server.shutdown()
 
 
-@contextmanager
-def as_written(write: Callable[[Path], str], folder: Path) -> Iterator[str]:
-    """A source that is a file."""
-    yield write(folder)
-
-
-@contextmanager
-def simulated_hand(_folder: Path) -> Iterator[str]:
-    """The simulated robot's camera."""
-    yield "sim:spanner"
-
-
 SOURCES: dict[str, Callable[[Path], AbstractContextManager[str]]] = {
-    "photos": partial(as_written, write_photos),
-    "video.mp4": partial(as_written, write_film),
+    "photos": lambda folder: nullcontext(write_photos(folder)),
+    "video.mp4": lambda folder: nullcontext(write_film(folder)),
     "http://192.168.0.5:8080/video": serve_stream,
-    "run.mcap": partial(as_written, write_mcap),
-    "sim:spanner": simulated_hand,
+    "run.mcap": lambda folder: nullcontext(write_mcap(folder)),
+    "sim:spanner": lambda _: nullcontext("sim:spanner"),
 }
 """What can be had without a device, by how it is named on the command line."""
 
@@ -195,15 +183,9 @@ def page_picture(shape: str) -> Drawn:
         server.start()
         try:
             session.wait_for(lambda shown: shown.image >= PAGE_IMAGES // 2, PAGE_IMAGES / PAGE_RATE)
-            asked = [
-                "--headless",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--hide-scrollbars",
-                f"--user-data-dir={folder}/profile",
-            ]
-            asked += [f"--screenshot={folder}/page.png", f"--window-size={PAGE_SIZE[0]},{PAGE_SIZE[1]}"]
-            asked += [f"--virtual-time-budget={PAGE_WAIT_MS}"]
+            asked = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+            asked += [f"--user-data-dir={folder}/profile", f"--screenshot={folder}/page.png"]
+            asked += [f"--window-size={PAGE_SIZE[0]},{PAGE_SIZE[1]}", f"--virtual-time-budget={PAGE_WAIT_MS}"]
             subprocess.run([browser, *asked, server.url], capture_output=True, check=False)
         finally:
             server.stop()

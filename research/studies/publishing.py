@@ -13,7 +13,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -40,22 +40,14 @@ with socket.create_connection(("127.0.0.1", int(sys.argv[1]))) as link:
 """Its clock is that of all processes, at least on Linux."""
 
 
-@contextlib.contextmanager
-def never_reading(port: int, count: int) -> Iterator[None]:
-    """Connections that nobody reads from."""
-    with contextlib.ExitStack() as held:
-        for _ in range(count):
-            held.enter_context(socket.create_connection(("127.0.0.1", port)))
-        yield
-
-
 def time_round(images: Sequence[Image], form: str, readers: int, stuck: int) -> tuple[Floats, Floats]:
     """ms of each update with the handing over; and ms from there until each reader has the line."""
     tracker, spent, handed = GraspTracker(), list[float](), list[float]()
     with contextlib.ExitStack() as held:
         publisher = ResultPublisher(PublishAddress("127.0.0.1", 0, form))
         port = publisher.url.rpartition(":")[2]
-        held.enter_context(never_reading(int(port), stuck))
+        for _ in range(stuck):
+            held.enter_context(socket.create_connection(("127.0.0.1", int(port))))
         command = [sys.executable, "-c", CLIENT, port]
         processes = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(readers)]
         tracker.update(images[0], time=0.0)

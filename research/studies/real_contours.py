@@ -6,7 +6,6 @@ The truths are homographies from features on the print, independent of the outli
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,8 +14,8 @@ import numpy as np
 from grasptrack.geometry.contours import View
 from grasptrack.io.sources import open_source
 from grasptrack.segmentation.first_look import first_look
-from grasptrack.typing import Floats
 from grasptrack_bench.metrics.errors import ErrorMeasure
+from grasptrack_bench.records import read_homographies
 from research.paper.footage import FilmedPart, Footage, describable_contacts, follow_outlines, middle_frame
 from research.paper.printed import TRANSFERS
 from research.paper.transfers import transfer_and_measure, transfer_and_return, ways_of
@@ -26,16 +25,9 @@ FILMS = ("bruegel-62", "postcard-161")
 """A plate with a notch and a chamfer, and a card, whose outline maps to itself by a half turn."""
 
 
-def read_truths(path: Path) -> Floats:
-    """(F, 3, 3) px of frame 0 to px of each frame."""
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = [[float(r[f"h{i}{j}"]) for i in "123" for j in "123"] for r in csv.DictReader(file)]
-    return np.array(rows).reshape(-1, 3, 3)
-
-
 def film_footage(name: str, data: Path, frames: int | None = None) -> Footage:
     """The outlines of a film."""
-    H = read_truths(data / "videos" / f"{name}.derived_homographies.csv")[:frames]
+    H = np.array([*read_homographies(data / "videos" / f"{name}.derived_homographies.csv").values()])[:frames]
     images = [frame.image for frame, _ in zip(open_source(data / "videos" / f"{name}.mp4"), H, strict=False)]
     view = first_look(images[0])[0].view
     contacts = describable_contacts(view)

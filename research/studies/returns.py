@@ -18,7 +18,7 @@ import grasptrack as gt
 from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.method import MethodFrame, MethodStart, chosen_grasp, score_sequence
 from grasptrack_bench.methods import method_makers
-from grasptrack_bench.metrics.score import FrameScore, Truth
+from grasptrack_bench.metrics.score import Truth
 from grasptrack_bench.scenes import SceneCase, built_in, make_scene_cases
 from grasptrack_bench.simulation import Path, Scene, TextureMap
 from grasptrack_bench.simulation.paths import in_view, kept_in_view
@@ -110,13 +110,9 @@ def follow_return(asked: ReturnCase) -> ReturnOutcome | None:
         other,
         rows[BEFORE - 1].answered,
         found[0] if found else -1,
-        _count_wrong(rows),
+        sum(row.is_false_accept for row in rows if not row.defining),
         rows[back + SOON - 1].reason,
     )
-
-
-def _count_wrong(rows: list[FrameScore]) -> int:
-    return sum(row.is_false_accept for row in rows if not row.defining)
 
 
 def _path_after(scene: Scene, back: int, rng: np.random.Generator) -> Path:
