@@ -232,16 +232,7 @@ def fill_run_folder(
         last: file that the caller writes when all is scored; a run without it did not finish.
         progress: see `Progress`; when it raises, the run stops and can be gone on with.
     """
-    head: dict[str, Any] = {
-        "format": FORMAT,
-        "kind": kind,
-        "options": dict(options),
-        "versions": software_versions(),
-        "backend": kernels.BACKEND,
-        "code": code_fingerprint(),
-        "machine": describe_machine(),
-        "command": command,
-    }
+    head = {**index_head(kind, options), "machine": describe_machine(), "command": command}
     with hold_folder(folder):
         before = read_unfinished(folder / INDEX, head, last)
         if before is None:
@@ -297,6 +288,18 @@ def _remove_old_cases(folder: Path) -> None:
                 path.unlink()
         except OSError as error:
             raise InputError(f'"{path}" cannot be replaced: {error.strerror or error}') from None
+
+
+def index_head(kind: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """What the index of a run begins with: what was asked for, and what software did it."""
+    return {
+        "format": FORMAT,
+        "kind": kind,
+        "options": dict(options),
+        "versions": software_versions(),
+        "backend": kernels.BACKEND,
+        "code": code_fingerprint(),
+    }
 
 
 SAME = ("format", "kind", "code", "backend", "options")

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from importlib.util import find_spec
 from typing import Any, Literal
 
@@ -75,3 +75,11 @@ def import_extra(module: str, extra: str, purpose: str) -> Any:
 def is_installed(package: str) -> bool:
     """Whether a package is there, without loading it."""
     return find_spec(package) is not None
+
+
+def version_of(package: str) -> str:
+    """Of an installed package; empty where it is not."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""

@@ -12,7 +12,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
 from grasptrack.errors import GraspTrackError, InputError
@@ -27,7 +26,7 @@ from grasptrack_bench.approach.case import ApproachCase, Law
 from grasptrack_bench.approach.tray_picture import TrayPicture
 from grasptrack_bench.approach.trays import Emptied, PickRow, TrayCase, teach
 from grasptrack_bench.approach.trial import LEAST, RETRIES, WINDOW, Step, TrialRun, close_on_part
-from grasptrack_bench.physics.pull import whole_outline
+from grasptrack_bench.physics.setting import is_fully_visible
 from grasptrack_bench.physics.tray import (
     BIN,
     fingers_in_view,
@@ -208,20 +207,11 @@ class TrayRobot:
                     reasons.insert(0, f"tried {len(failed)} times: {failed[-1]}")
                 else:
                     reasons.append(self._why_not(one) or "found at last, and not tried")
-            whole |= self._is_whole(pose)
+            setting = world.setting
+            whole |= is_fully_visible(setting.part, world.part_pose(), pose, setting.camera, self.ignore)
         if world.touches_another(number):
             reasons.append("not recognised: it touches another part")
         return next(iter(reasons), "not recognised" if whole else "in no view whole and beside the hand")
-
-    def _is_whole(self, camera: Floats) -> bool:
-        """Whether a camera at a pose (4, 4) sees the chosen part whole, and beside the fingers."""
-        setting = self.world.setting
-        ring = whole_outline(setting.part, self.world.part_pose(), camera, setting.camera)
-        if ring is None:
-            return False
-        drawn = np.zeros_like(self.ignore)
-        cv2.fillPoly(drawn, [np.rint(ring).astype(np.int32)], (255,))
-        return not (drawn & self.ignore).any()
 
     # --- what is done -----------------------------------------------------------------------------
 

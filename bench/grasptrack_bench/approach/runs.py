@@ -15,7 +15,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from grasptrack import kernels
 from grasptrack.files import hold_folder, whole_file, write_json
 from grasptrack.geometry.contours import View
 from grasptrack.io.results import software_versions
@@ -29,8 +28,8 @@ from grasptrack_bench.metrics.statistics import wilson_interval
 from grasptrack_bench.physics import World
 from grasptrack_bench.physics.setting import Arm, Scenario
 from grasptrack_bench.physics.world import PERIOD_S
-from grasptrack_bench.run_folder import read_unfinished
-from grasptrack_bench.schedule import Scheduler, code_fingerprint
+from grasptrack_bench.run_folder import index_head, read_unfinished
+from grasptrack_bench.schedule import Scheduler
 from grasptrack_bench.simulation.outlines import Shape
 
 Progress = Callable[[str, int, int], None]
@@ -109,7 +108,7 @@ def run_and_film(
     return row
 
 
-TABLE, INDEX, FAILURES, FORMAT = "trials.csv", "trials.json", "failures", 1
+TABLE, INDEX, FAILURES = "trials.csv", "trials.json", "failures"
 MEASURED = "time_s", "error_px", "contact_error_px", "aside_mm", "servo_ms", "loop_ms", "loop_p99_ms", "look_ms"
 
 
@@ -229,14 +228,7 @@ def run_trials(
         progress: called with a step's name, trials done, and all of them; when it raises, the run stops and can be gone on
             with.
     """
-    head = {
-        "format": FORMAT,
-        "kind": "trials",
-        "options": options,
-        "versions": software_versions(),
-        "backend": kernels.BACKEND,
-        "code": code_fingerprint(),
-    }
+    head = index_head("trials", options)
     with hold_folder(output):
         rows = _rows_before(output, head, cases)
         trials, left = Trials(resumed=len(rows)), [i for i in range(len(cases)) if i not in rows]

@@ -11,18 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from grasptrack import kernels
 from grasptrack.files import hold_folder, whole_file, write_json
-from grasptrack.io.results import software_versions
 from grasptrack_bench.approach.picking import LOOK_S, run_tray
 from grasptrack_bench.approach.runs import kind_of, write_trial_rows
 from grasptrack_bench.approach.trays import Emptied, PickRow, TrayCase
 from grasptrack_bench.metrics.statistics import wilson_interval
 from grasptrack_bench.physics.tray import SPEED
-from grasptrack_bench.schedule import Scheduler, code_fingerprint
+from grasptrack_bench.run_folder import index_head
+from grasptrack_bench.schedule import Scheduler
 from grasptrack_bench.simulation.outlines import Shape
 
-TABLE, INDEX, FORMAT = "picks.csv", "run.json", 1
+TABLE, INDEX = "picks.csv", "run.json"
 
 
 @dataclass
@@ -94,14 +93,7 @@ def run_trays(
         options: what was asked for, for the index.
         progress: called with a step's name, trays done, and all of them.
     """
-    head = {
-        "format": FORMAT,
-        "kind": "trays",
-        "options": {**options, "speed_m_s": SPEED, "look_s": LOOK_S},
-        "versions": software_versions(),
-        "backend": kernels.BACKEND,
-        "code": code_fingerprint(),
-    }
+    head = index_head("trays", {**options, "speed_m_s": SPEED, "look_s": LOOK_S})
     found, trays = dict[int, Emptied](), Trays()
     with hold_folder(output):
         for old in output.glob("tray-*.png"):

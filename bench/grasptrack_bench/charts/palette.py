@@ -127,36 +127,22 @@ def _mix_colour(colour: Colour, level: int, share: float) -> Colour:
     return r, g, b
 
 
-LIGHT = {
-    "ground": "#fafaf8",
-    "surface": "#ffffff",
-    "ink": "#1b1f24",
-    "muted": "#5a6370",
-    "rule": "#e4e6e8",
-    "rule-strong": "#b9bfc6",
-    "tint": "#f1f3f4",
-    "accent": "#00744f",
-    "good": "#00744f",
-    "bad": "#b3261e",
-    "heat": "0 114 178",
-    "heat-bad": "213 60 30",
-    "heat-warm": "226 150 20",
+_COLOURS = {
+    "ground": ("#fafaf8", "#121518"),
+    "surface": ("#ffffff", "#191d22"),
+    "ink": ("#1b1f24", "#e9ebee"),
+    "muted": ("#5a6370", "#a0a9b4"),
+    "rule": ("#e4e6e8", "#2b3138"),
+    "rule-strong": ("#b9bfc6", "#4a525c"),
+    "tint": ("#f1f3f4", "#22272d"),
+    "accent": ("#00744f", "#4fd0a5"),
+    "good": ("#00744f", "#4fd0a5"),
+    "bad": ("#b3261e", "#ff8f7e"),
+    "heat": ("0 114 178", "86 160 220"),
+    "heat-bad": ("213 60 30", "240 96 64"),
+    "heat-warm": ("226 150 20", "222 150 40"),
 }
-DARK = {
-    "ground": "#121518",
-    "surface": "#191d22",
-    "ink": "#e9ebee",
-    "muted": "#a0a9b4",
-    "rule": "#2b3138",
-    "rule-strong": "#4a525c",
-    "tint": "#22272d",
-    "accent": "#4fd0a5",
-    "good": "#4fd0a5",
-    "bad": "#ff8f7e",
-    "heat": "86 160 220",
-    "heat-bad": "240 96 64",
-    "heat-warm": "222 150 40",
-}
+LIGHT, DARK = ({name: pair[i] for name, pair in _COLOURS.items()} for i in (0, 1))
 _STYLE = (
     "text{font:11.5px 'DejaVu Sans',Arial,sans-serif;fill:var(--muted)}.strong{font-weight:600;fill:var(--ink)}"
     ".end{text-anchor:end}.mid{text-anchor:middle}.grid{stroke:var(--rule);fill:none}"

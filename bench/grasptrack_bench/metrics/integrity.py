@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from typing import Literal
 
 import numpy as np
@@ -242,15 +243,16 @@ def out_of_view(runs: Runs) -> tuple[list[tuple[int, int]], list[tuple[int, int]
     frames = sorted(seen)
     away = [sum(v < PARTLY for v in seen[i]) * 2 > len(seen[i]) for i in frames]
     partly = [sum(v < WHOLE for v in seen[i]) * 2 > len(seen[i]) and not a for i, a in zip(frames, away, strict=True)]
-    return _frame_ranges(frames, away), _frame_ranges(frames, partly)
+    return frame_ranges(compress(frames, away)), frame_ranges(compress(frames, partly))
 
 
-def _frame_ranges(frames: Sequence[int], flags: Sequence[bool]) -> list[tuple[int, int]]:
+def frame_ranges(frames: Iterable[int]) -> list[tuple[int, int]]:
+    """First and last of each stretch of frame numbers without a gap."""
     found: list[tuple[int, int]] = []
-    for frame, flag in zip(frames, flags, strict=True):
-        if flag and found and found[-1][1] == frame - 1:
+    for frame in frames:
+        if found and found[-1][1] == frame - 1:
             found[-1] = (found[-1][0], frame)
-        elif flag:
+        else:
             found.append((frame, frame))
     return found
 

@@ -128,7 +128,7 @@ def sample_setting(
         R_camera = R @ mount[:3, :3]
         at = np.array([0.0, 0.0, part.thickness]) - R_camera @ ray * away
         start = frames.pose_of(R_camera, at) @ frames.inverse_pose(mount)
-        if _is_fully_visible(part, place, start @ mount, camera, blocked) and start[2, 3] > 0.08:
+        if is_fully_visible(part, place, start @ mount, camera, blocked) and start[2, 3] > 0.08:
             break
     else:
         raise InputError(f"{shape.name}: the part cannot be shown whole beside the hand", shape=shape.name)
@@ -169,10 +169,10 @@ def hand_mask(camera: Pinhole, mount: Floats, hand: Gripper, opening: float, gro
     return np.asarray(cv2.dilate(mask, kernel), dtype=np.uint8)
 
 
-def _is_fully_visible(
+def is_fully_visible(
     part: Body, place: Floats, camera_pose: Floats, camera: Pinhole, blocked: NDArray[np.uint8]
 ) -> bool:
-    """Whether the part's outline is seen whole and beside the hand."""
+    """Whether the outline of a part at a pose (4, 4) is seen whole and beside the hand, 255 in (H, W)."""
     seen = whole_outline(part, place, camera_pose, camera)
     if seen is None:
         return False

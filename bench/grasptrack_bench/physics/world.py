@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -89,7 +90,6 @@ class World:
             self.images.assets,
         )
         self.data = self._mj.MjData(self.model)
-        self._film: Film | None = None
         self._resolve_indices()
         self._set_initial_state()
         self.images.bind(self.model)
@@ -236,16 +236,15 @@ class World:
 
     def bystander(self) -> Pixels:
         """(480, 640, 3) BGR image of a camera that stands beside and goes along, with shadows."""
-        return self._filmed().bystander(self)
+        return self._film.bystander(self)
 
     def hand_in_colour(self) -> Pixels:
         """(480, 640, 3) BGR of what `image` shows in grey, without its noise."""
-        return self._filmed().hand(self)
+        return self._film.hand(self)
 
-    def _filmed(self) -> Film:
-        if self._film is None:
-            self._film = make_film(self)
-        return self._film
+    @cached_property
+    def _film(self) -> Film:
+        return make_film(self)
 
     # --- the truth, for judges alone --------------------------------------------------------------
 

@@ -11,7 +11,6 @@ import numpy as np
 from grasptrack_bench.charts import Axis, Chart, Series, format_number
 from grasptrack_bench.charts.chart import log_range
 from grasptrack_bench.metrics.integrity import (
-    OverTime,
     Runs,
     out_of_view,
     over_time,
@@ -56,15 +55,12 @@ def time_charts(run: EvaluationRun, level: str, series: Methods, ends: tuple[flo
             for first, final in stretches:
                 chart.shade_span(max(x.low, first - 0.5), min(x.high, final + 0.5), kind, tip)
     for name in reversed(list(lines)):
-        _time_lines(upper, lower, lines[name], series[name], band=len(cases) > 2)
+        t = lines[name]
+        if len(cases) > 2:
+            upper.draw_band(t.frames, t.low, t.high, series[name])
+        upper.draw_line(t.frames, t.median, series[name])
+        lower.draw_line(t.frames, t.located, series[name])
     return upper, lower
-
-
-def _time_lines(upper: Chart, lower: Chart, t: OverTime, series: Series, band: bool) -> None:
-    if band:
-        upper.draw_band(t.frames, t.low, t.high, series)
-    upper.draw_line(t.frames, t.median, series)
-    lower.draw_line(t.frames, t.located, series)
 
 
 def error_ends(run: EvaluationRun, methods: Sequence[str]) -> tuple[float, float]:

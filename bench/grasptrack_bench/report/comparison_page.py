@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from grasptrack_bench.charts import DASH, format_number, series_palette
+from grasptrack_bench.metrics.integrity import frame_ranges
 from grasptrack_bench.metrics.paired import BLOCK, FEW_CASES
 from grasptrack_bench.metrics.summary import ALL
 from grasptrack_bench.report.comparison import FELL, MATTERS, UNLIKELY, Change, Comparison, SequenceToInspect
@@ -121,13 +122,7 @@ def look_told(look: SequenceToInspect) -> str:
 
 def format_frame_ranges(frames: Sequence[int]) -> str:
     """Frame numbers in words: 3, 5-9."""
-    found: list[list[int]] = []
-    for frame in frames:
-        if found and frame == found[-1][1] + 1:
-            found[-1][1] = frame
-        else:
-            found.append([frame, frame])
-    said = [str(a) if a == b else f"{a}-{b}" for a, b in found]
+    said = [str(a) if a == b else f"{a}-{b}" for a, b in frame_ranges(frames)]
     return ", ".join(said[:8]) + (", ..." if len(said) > 8 else "")
 
 

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 from grasptrack.cli import help_groups, options
 from grasptrack.cli.help_groups import option
 from grasptrack.cli.terminal import show_rows, with_progress
-from grasptrack.errors import InputError
 from grasptrack_bench import verbs
 
 
@@ -44,15 +43,12 @@ def pick(
     """
     from grasptrack_bench.approach.tray_runs import draw_tray_cases, run_trays
     from grasptrack_bench.physics.model import import_mujoco
-    from grasptrack_bench.scenes import built_in, parts_from_silhouettes
     from grasptrack_bench.schedule import create_scheduler
 
-    if shape is not None and silhouettes is not None:
-        raise InputError("--shape and --silhouettes both say which part: give one of them")
     import_mujoco()
-    known = parts_from_silhouettes(silhouettes) if silhouettes is not None else built_in([shape] if shape else [])
+    known = verbs.shapes_asked(shape, silhouettes)
     asked: dict[str, Any] = {"seed": seed, "count": parts, "snatched": snatch, "risk": risk}
-    cases = draw_tray_cases([part.shape for part in known], trays, **asked)
+    cases = draw_tray_cases(known, trays, **asked)
     found = with_progress(
         output,
         quiet,

@@ -67,8 +67,6 @@ def servo(
 
     if trials is None and (workers is not None or scheduler is not None):
         raise InputError("--workers and --scheduler are for --trials")
-    if shape is not None and silhouettes is not None:
-        raise InputError("--shape and --silhouettes both say which part: give one of them")
     asked: dict[str, Any] = {
         "scenario": scenario,
         "arm": arm,
@@ -81,18 +79,11 @@ def servo(
     with first_image.by_option():
         FirstImage.of(sure=sure)
     check_options(scenario=scenario, arm=arm, law=law, images=images or "auto", fingers=fingers)
-    shapes = _load_shapes(shape, silhouettes)
+    shapes = verbs.shapes_asked(shape, silhouettes)
     if trials is None:
         _run_single(shapes, asked, images or "auto", output, not no_video, quiet)
     else:
         _run_many(shapes, trials, asked, images or "planar", output, workers, scheduler, quiet)
-
-
-def _load_shapes(shape: str | None, silhouettes: str | None) -> list[Any]:
-    from grasptrack_bench.scenes import built_in, parts_from_silhouettes
-
-    found = parts_from_silhouettes(silhouettes) if silhouettes is not None else built_in([shape] if shape else [])
-    return [part.shape for part in found]
 
 
 def _run_single(shapes: list[Any], asked: dict[str, Any], images: str, output: Path, video: bool, quiet: bool) -> None:

@@ -15,6 +15,7 @@ import typer
 from grasptrack.cli import help_groups
 from grasptrack.cli.terminal import tell_line
 from grasptrack.errors import InputError, install_hint, own_pip
+from grasptrack.plugins import version_of
 
 EXTRAS = {
     "live": "grasptrack live: the page in the browser",
@@ -158,14 +159,6 @@ def extra_requirements() -> dict[str, list[str]]:
         if extra is not None:
             found.setdefault(extra[1], []).append(line.partition(";")[0].strip())
     return found
-
-
-def version_of(package: str) -> str:
-    """Of an installed package; empty where it is not."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return ""
 
 
 def cameras() -> None:

@@ -177,6 +177,7 @@ def _unpacked_part(cls: type[Part], members: Mapping[str, bytes]) -> Part:
     view, image = _read_outline(members["outline.csv"].decode("utf-8")), _read_picture(members["image.png"])
     scale, finger, origin = told.get("px_per_mm"), told["finger"], told.get("origin")
     listed = told["grasps"]
+    x, y = (0.0, 0.0) if origin is None else origin["middle"]
     if not isinstance(listed, list):
         raise InputError("has no list of grasps")
     part = cls(
@@ -189,16 +190,10 @@ def _unpacked_part(cls: type[Part], members: Mapping[str, bytes]) -> Part:
         (float(finger["width"]), float(finger["reach"])),
         math.nan if scale is None else float(scale),
         told.get("face_up", False) is True,
-        None if origin is None else (float(origin["width"]), *_pair(origin["middle"])),
+        None if origin is None else (float(origin["width"]), float(x), float(y)),
     )
     part.check_values()
     return part
-
-
-def _pair(given: Any) -> tuple[float, float]:
-    """Two numbers."""
-    x, y = given
-    return float(x), float(y)
 
 
 def _unit_vectors(given: Any) -> Floats:

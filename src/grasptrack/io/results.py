@@ -14,7 +14,6 @@ from array import array
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ import cv2
 import numpy as np
 
 from grasptrack.io.columns import csv_cells, csv_columns
+from grasptrack.plugins import version_of
 from grasptrack.tracking.result import TrackResult
 
 
@@ -68,20 +68,13 @@ class GraspsCsv:
 def software_versions() -> dict[str, str]:
     """Versions of this package and of what computes, decodes and encodes for it."""
     return {
-        "grasptrack": _package_version("grasptrack"),
+        "grasptrack": version_of("grasptrack") or "unknown",
         "python": platform.python_version(),
         "numpy": np.__version__,
         "opencv": cv2.__version__,
-        "av": _package_version("av"),
+        "av": version_of("av") or "unknown",
         "platform": platform.platform(),
     }
-
-
-def _package_version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "unknown"
 
 
 STATUSES = ("tracked", "unstable", "lost", "searching")

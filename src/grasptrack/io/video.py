@@ -56,7 +56,9 @@ class VideoSource(Source):
             raise SourceError(f'video "{path}" is empty', path=str(path))
         with self._open_container() as container:
             stream = container.streams.video[0]
-            self._warn_of_alpha(container)
+            if stream.metadata.get("alpha_mode") == "1":  # beside the images, as of VP8 and VP9
+                told = "what is transparent in it is not read, and shows the colours beneath"
+                warnings.warn(f'video "{self._path}": {told}', stacklevel=2)
             warn_of_aspect(stream, f'video "{self._path}"')
             rate = float(stream.average_rate or 0)
             self.fps = fps or (rate if rate > 0 else None)
@@ -82,12 +84,6 @@ class VideoSource(Source):
             container.close()
             raise
         return container
-
-    def _warn_of_alpha(self, container: Any) -> None:
-        """Say where transparency stands beside the images, as of VP8 and VP9: it is not read."""
-        if container.streams.video[0].metadata.get("alpha_mode") == "1":
-            told = "what is transparent in it is not read, and shows the colours beneath"
-            warnings.warn(f'video "{self._path}": {told}', stacklevel=3)
 
     def _read_images(self) -> Generator[tuple[Image, float | None, str], None, None]:
         import av

@@ -46,7 +46,7 @@ from grasptrack.servo.grasp_pose import GraspPose, grasp_pose
 from grasptrack.servo.hand_eye import HandEye
 from grasptrack.servo.model import SHAPE, Placed
 from grasptrack.servo.observation import Observation, Poses
-from grasptrack.servo.trust import DriftAlarm, Trust
+from grasptrack.servo.trust import MIN_DELAY, MIN_WAY, DriftAlarm, Trust
 from grasptrack.typing import Floats
 
 MOVE_ORDER = {4: (0, 2, 5, 1), 6: (0, 2, 5, 1, 3, 4)}
@@ -89,8 +89,6 @@ class Exploration:
 
 MAX_SIGHTINGS = 80
 """Observations that are kept; of the older half then every second."""
-MIN_WAY, MIN_DELAY = 0.002, 0.2
-"""m, rad and s from the last that is kept."""
 REFINE_EVERY, REFINE_STEPS, REFINE_FROM, AFRESH_STEPS = 5, 2, 8, 20
 """All are gone through again every so many sightings, or at once while the search has not settled, with so many steps, from so
 many on; with so many where it must be known whether they can be explained at all."""
@@ -280,7 +278,7 @@ class SelfCalibration:
             return False
         if self.is_exploring:
             self._go_on(seen.time)
-        elif self._setup.dof == 4 and self._has_moves and not self._is_displaced():
+        elif self._setup.dof == 4 and self._has_moves:
             self._check_tilt()
         self._refine_estimate()
         if fits and not self.is_exploring:
@@ -330,10 +328,6 @@ class SelfCalibration:
         self._seen.append(seen)
         if len(self._seen) > MAX_SIGHTINGS:
             self._seen = self._seen[: MAX_SIGHTINGS // 2 : 2] + self._seen[MAX_SIGHTINGS // 2 :]
-
-    def _is_displaced(self) -> bool:
-        """Whether there is no estimate, or none of where the object rests."""
-        return not isinstance(self.estimate, Estimate) or bool(np.isfinite(self.estimate.displaced_at))
 
     def _forget_sightings(self) -> None:
         """They are of an object that lay elsewhere. Without the exploratory moves too little is left to tell a tilt."""
@@ -403,9 +397,10 @@ class SelfCalibration:
         self.failed = find_fault(signals_of(self._seen, base, centre))
 
     def _check_tilt(self) -> None:
-        """A part that is tilted is taken as it lies, or not with 4 DoF."""
+        """A part that is tilted is taken as it lies, or not with 4 DoF; one that is displaced is not looked at."""
         known = self.estimate
-        assert isinstance(known, Estimate)
+        if not isinstance(known, Estimate) or np.isfinite(known.displaced_at):
+            return
         tilt = self._tilt.check_tilt(self._seen, known)
         if tilt is None or tilt.angle < SQUARE_SIZE * tilt.sd:
             return

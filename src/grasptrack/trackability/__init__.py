@@ -59,7 +59,7 @@ from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.strategies import carrier_for
 from grasptrack.tracking.target import Target, build_pyramid
 from grasptrack.tracking.tracker import GraspTracker
-from grasptrack.typing import Floats, StrategyName
+from grasptrack.typing import StrategyName
 
 __all__ = ["Reason", "Suitability", "inspect", "inspect_scene"]
 
@@ -199,7 +199,10 @@ def _assess_view(first: InspectedView, asked: _Inspection) -> Suitability:
         # beyond its tolerance the tracker refuses
         adrift = min(fixed.contact_deviations[2], allowed) if fixed.by == "nothing" else 0.0
         prediction = predict_run(Drawn.from_runs(runs_drawn, math.sqrt(view.outer.area), adrift))
-    refusal = "" if fixed is None else _refusal_reason(fixed.by != "nothing", fixed.covariance, limit)
+    refusal = ""
+    if fixed is not None:  # else why they will not be believed
+        sigma = largest_deviation(fixed.covariance)
+        refusal = "" if fixed.by != "nothing" and sigma <= limit else Why("uncertain", {"sigma": sigma}).sentence
     grip = (
         None if first.grasp is None else _assess_grasp(first, asked.wish.friction, (limit, allowed), fixed, prediction)
     )
@@ -258,12 +261,6 @@ def _simulate_runs(first: InspectedView, stage: Stage, asked: _Inspection) -> tu
         made.append(run)
         seen, carrier = seen or looked, None
     return made, seen
-
-
-def _refusal_reason(fixed: bool, covariance: Floats, limit: float) -> str:
-    """Why contacts will not be believed that may be off by covariances (k, 2, 2) px^2; empty where they will."""
-    sigma = largest_deviation(covariance)
-    return "" if fixed and sigma <= limit else Why("uncertain", {"sigma": sigma}).sentence
 
 
 def _inertia_frame(view: View) -> Basis:
