@@ -354,7 +354,7 @@ def observe_scene(
 
 
 def follow_outlines(
-    images: Iterator[Pixels], H: Floats, contacts: Floats, object_at: tuple[float, float] | None = None
+    images: Iterator[Pixels], H: Floats, contacts: Floats
 ) -> tuple[tuple[Seen, ...], tuple[Seen, ...], Floats, Floats]:
     """What the strategies work on in images: outlines extracted one by one, and those that a snake of 4 DoF carries.
 
@@ -362,14 +362,12 @@ def follow_outlines(
         images: (H, W) or (H, W, 3) one after the other.
         H: (F, 3, 3) H_current_reference, which says where each extracted outline begins.
         contacts: (k, 2) px in the first image.
-        object_at: px on the object, where it is not the likeliest one.
 
     Returns:
         Extracted and tracked outlines by frame, and the contacts on the first of each.
     """
     extracted = ExtractedOutlines()
-    hints = FirstImage(object_at=() if object_at is None else (object_at,))
-    candidate = extracted.candidates(next(images), hints)[0]
+    candidate = extracted.candidates(next(images), FirstImage())[0]
     grey = extracted.choose(candidate)
     grasp = Grasp(contacts).snapped(candidate.view)
     snake = Snakes(grasp, candidate.view, grey)

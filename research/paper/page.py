@@ -18,7 +18,7 @@ from grasptrack_bench.charts.chart import log_range
 from grasptrack_bench.charts.palette import format_fixed
 from grasptrack_bench.metrics.integrity import cumulative_share
 from grasptrack_bench.report.pages import Cell, CellLike, Column, Figure, Line, PageTable, keep_chart, write_page
-from grasptrack_bench.report.table import Table
+from grasptrack_bench.report.table import Table, is_number
 from research.paper.transfers import Course
 
 
@@ -102,7 +102,7 @@ def _draw_charts(series: Sequence[Course], figures: Path) -> dict[str, Any]:
 
 
 def _printed_table(table: Table) -> PageTable:
-    columns = [Column(name, words=_is_words(table, i)) for i, name in enumerate(table.head)]
+    columns = [Column(name, words=i == 0 or not is_number(table, i)) for i, name in enumerate(table.head)]
     return PageTable(columns, [Line(row) for row in table.rows])
 
 
@@ -129,7 +129,3 @@ def _setting_name(s: Course) -> str:
 
 def _capitalize_first(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-def _is_words(table: Table, column: int) -> bool:
-    return column == 0 or not any(isinstance(row[column], int | float) for row in table.rows)

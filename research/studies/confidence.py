@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack.typing import Floats
+from grasptrack.view.style import create_figure
 from grasptrack_bench.metrics.integrity import WHOLE
 from grasptrack_bench.metrics.score import FrameScore
 from grasptrack_bench.run_folder import read_run
@@ -139,11 +140,7 @@ HEAD = ("confidence", "answers", "wrong as told", "wrong", "95 %")
 
 def plot_reliability(path: Path, shares: Floats, labels: Sequence[str], title: str) -> None:
     """Draw the share of wrong answers as counted over that told, both logarithmic."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(WIDE, 0.62 * WIDE), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = create_figure(WIDE, 0.62 * WIDE, layout="constrained")
     axes = figure.add_subplot()
     told, low = np.maximum(shares[:, 0], FLOOR), np.maximum(shares[:, 1], FLOOR)
     least, most = np.clip(shares[:, 2], FLOOR, low), np.maximum(shares[:, 3], low)

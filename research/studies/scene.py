@@ -19,15 +19,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from grasptrack.geometry.contours import View
-from grasptrack.geometry.homographies import apply_homography, rotation_about_z
-from grasptrack.tracking.result import TrackResult
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.scene import SceneResult, SceneTracker
 from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.simulation import SHAPES, Path, Pinhole, Scene
 from grasptrack_bench.simulation.lookalikes import Distractor
 from grasptrack_bench.simulation.textures import another_surface
 from research.studies import common
-from research.studies.trays import KEPT_BACK, Kind, beside, draw_conditions, draw_table, lies_well, teach
+from research.studies.trays import (
+    KEPT_BACK,
+    Kind,
+    Lying,
+    beside,
+    contact_error,
+    draw_conditions,
+    draw_table,
+    lies_well,
+    teach,
+)
 
 DEVELOPED = "bracket,spanner,hook,key,hinge,hammer-head"
 CAMERA = Pinhole(640, 480)
@@ -126,11 +135,12 @@ def judge(run: Filmed, told: Sequence[SceneResult]) -> SceneTally:
     """What became of the parts that were found in the first image, and of the places on them that were chosen there."""
     meant: dict[int, tuple[int, Floats]] = {}
     for number, result in told[0].results.items():
-        errors = {
-            k: nearest_error(run, k, result) for k, kind in enumerate(run.kinds) if kind.part.name == result.part_id
-        }
+        if result.contacts is None:
+            continue
+        own = [k for k, kind in enumerate(run.kinds) if kind.part.name == result.part_id]
+        errors = {k: contact_error(result, Lying(run.kinds[k], run.places[0][k], 0.0)) for k in own}
         part = min(errors, key=lambda each: errors[each])
-        if result.contacts is not None and errors[part] < FIRST_ERROR:
+        if errors[part] < FIRST_ERROR:
             meant[number] = part, apply_homography(np.linalg.inv(run.places[0][part]), result.contacts)
     asked = located = switched = wrong = 0
     for image, seen_in in enumerate(told[1:], 1):
@@ -148,16 +158,6 @@ def judge(run: Filmed, told: Sequence[SceneResult]) -> SceneTally:
             located, switched = located + right, switched + (other and not right)
             wrong += not (right or other)
     return SceneTally(asked, located, switched, wrong, len(meant), [each.latency_ms for each in told[1:]])
-
-
-def nearest_error(run: Filmed, part: int, result: TrackResult) -> float:
-    """px by which contacts of the first image are off on a part, by the nearest turn in which its outline fits itself."""
-    if result.contacts is None:
-        return math.inf
-    kind = run.kinds[part]
-    contacts = apply_homography(np.linalg.inv(kind.H), kind.part.grasps[0].contacts)
-    ways = [run.places[0][part] @ rotation_about_z(turn) for turn in (0.0, *kind.turns)]
-    return min(float(np.hypot(*(apply_homography(H, contacts) - result.contacts).T).max()) for H in ways)
 
 
 def run_case(names: Sequence[str], motion: str, surfaces: str, seed: int, pictures: File | None) -> SceneTally | None:

@@ -28,6 +28,7 @@ from grasptrack.matching import find_symmetries
 from grasptrack.segmentation.first_look import find_candidates
 from grasptrack.tracking.instances import Instance, find
 from grasptrack.tracking.parts import KnownPart
+from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats, Pixels
 from grasptrack_bench.simulation import SHAPES, Conditions, Path, Pinhole, Scene, Shape
 from grasptrack_bench.simulation.coverage import subdivide_polygon
@@ -205,7 +206,7 @@ def cover_of(shape: Shape, above: Sequence[Shape]) -> float:
     return float(hidden.mean())
 
 
-def contact_error(answer: Instance, lying: Lying) -> float:
+def contact_error(answer: Instance | TrackResult, lying: Lying) -> float:
     """px by which the worst contact is off, against the nearest of the turns in which the outline fits itself."""
     assert answer.contacts is not None
     contacts = apply_homography(np.linalg.inv(lying.kind.H), lying.kind.part.grasps[0].contacts)

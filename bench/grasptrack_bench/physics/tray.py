@@ -37,7 +37,7 @@ BIN: Floats = np.array([0.50, 0.0, 0.14])
 SPEED, TURNING = 0.5, 1.2
 """m/s and rad/s of the hand on its way to the bin and back."""
 ARRIVED, ARRIVED_RAD = 0.002, 0.01
-PER_M, MILLIMETRE = 1000.0, 1e-3
+PER_M = 1000.0
 
 
 def sample_tray(shape: Shape, count: int, *, seed: int, snatched: bool = False) -> Setting:

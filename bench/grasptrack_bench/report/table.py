@@ -46,7 +46,7 @@ def to_text(table: Table) -> str:
     """Columns aligned by spaces, numbers to the right, notes below."""
     cells = [[format_cell(c) for c in row] for row in table.rows]
     widths = [max(len(row[i]) for row in [list(table.head), *cells]) for i in range(len(table.head))]
-    right = [_is_number(table, i) for i in range(len(table.head))]
+    right = [is_number(table, i) for i in range(len(table.head))]
 
     def format_row(row: list[str]) -> str:
         padded = (c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, widths, right, strict=True))
@@ -63,7 +63,7 @@ def to_markdown(table: Table) -> str:
     def format_row(row: list[str]) -> str:
         return "| " + " | ".join(c.replace("|", "\\|") for c in row) + " |"
 
-    rule = "|" + "|".join("---:" if _is_number(table, i) else "---" for i in range(len(table.head))) + "|"
+    rule = "|" + "|".join("---:" if is_number(table, i) else "---" for i in range(len(table.head))) + "|"
     body = [format_row([format_cell(c) for c in row]) for row in table.rows]
     notes = [part for note in table.notes for part in ("", note)]
     return (
@@ -96,5 +96,6 @@ def to_json(table: Table) -> dict[str, object]:
     }
 
 
-def _is_number(table: Table, column: int) -> bool:
+def is_number(table: Table, column: int) -> bool:
+    """Whether a column has numbers."""
     return any(isinstance(row[column], int | float) for row in table.rows)

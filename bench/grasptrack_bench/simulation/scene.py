@@ -247,10 +247,10 @@ class Scene:
         """(KNOTS,) frames after the middle row at which the rows of the knots are exposed."""
         return self.conditions.readout * np.linspace(-0.5, 0.5, KNOTS)
 
-    def _part_shutter(self, index: int, offset: float = 0.0) -> RollingShutter | None:
-        """From the plane of the contacts to a frame, `offset` frames later; None without a readout."""
-        seen = self._shutter(index, offset, self.thickness)
-        return None if seen is None else seen @ self._place(index + offset + self._late())
+    def _part_shutter(self, index: int) -> RollingShutter | None:
+        """From the plane of the contacts to a frame; None without a readout."""
+        seen = self._shutter(index, 0.0, self.thickness)
+        return None if seen is None else seen @ self._place(index + self._late())
 
     def _shutter(self, index: int, offset: float, height: float) -> RollingShutter | None:
         """From a plane `height` above the table to a frame, `offset` frames later; None without a readout."""
