@@ -185,14 +185,10 @@ def followed_or_none(case: SceneCase | RealCase) -> Followed | None:
 
 def main() -> None:
     """Fit, write, show."""
-    parser = common.create_parser(__doc__)
-    parser.add_argument("--frames", type=int, default=30)
+    parser = common.create_parser(__doc__, frames=30, disturbances=",".join(DISTURBANCES), workers=2, parts=PARTS)
     parser.add_argument(
         "--seed", type=int, default=91, help="of the sequences that are fitted to; those of the next show it"
     )
-    parser.add_argument("--disturbances", default=",".join(DISTURBANCES))
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--parts", default=PARTS)
     parser.add_argument("--others", default=OTHERS, help="parts that show it")
     parser.add_argument("--real", type=Path, help="folder of videos as for `grasptrack evaluate real`, to show it on")
     parser.add_argument(

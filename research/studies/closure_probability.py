@@ -82,9 +82,7 @@ def probability_row(sigma: float, drawn: Floats, draws: int) -> list[str]:
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
-    parser.add_argument("--shapes", default=",".join(SHAPES))
-    parser.add_argument("--draws", type=int, default=500)
+    parser = common.create_parser(__doc__, shapes=",".join(SHAPES), draws=500)
     parser.add_argument("--grasps", type=int, default=3, help="of each part: the best, the tenth, and between")
     asked = parser.parse_args()
     common.begin_section("The chance of closing")

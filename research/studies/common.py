@@ -48,10 +48,12 @@ _sections: list[tuple[str, list[str]]] = []  # title and paragraphs of what was 
 # --- options, data, work -------------------------------------------------------------------------
 
 
-def create_parser(description: str | None) -> argparse.ArgumentParser:
-    """Options of a study, with the one that they all have."""
+def create_parser(description: str | None, **defaults: int | str) -> argparse.ArgumentParser:
+    """Options of a study: the one that they all have, and those that their default alone describes."""
     made = argparse.ArgumentParser(description=description)
     made.add_argument("--output", type=Path, help="Markdown file in which the sections of this study are written anew")
+    for name, default in defaults.items():
+        made.add_argument(f"--{name}", type=type(default), default=default)
     return made
 
 

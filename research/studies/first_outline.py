@@ -114,10 +114,8 @@ def run_sequence(name: str, kind: str, asked_seed: int, count: int, *, given: bo
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
-    parser.add_argument("--shapes", default="bracket,half-disc,bottle,key,gear,s-blob")
+    parser = common.create_parser(__doc__, shapes="bracket,half-disc,bottle,key,gear,s-blob", frames=40)
     parser.add_argument("--kinds", default=",".join(KINDS), help="of what is wrong")
-    parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--seeds", default="702,3,1001,1002,1003", help="of the sequences, each one of all parts")
     asked = parser.parse_args()
     common.begin_section("Wrong first outlines")

@@ -84,11 +84,9 @@ def _add_tables(runs: Sequence[StrategyRun], motion: Motion) -> None:
 
 def main() -> None:
     """Run the study."""
-    parser = common.create_parser(__doc__)
+    parser = common.create_parser(__doc__, frames=FRAMES, workers=1)
     parser.add_argument("--shapes", default=",".join(SHAPES), help="built-in outlines, A,B [all]")
     parser.add_argument("--seeds", default="0,1", help="of the paths, A,B")
-    parser.add_argument("--frames", type=int, default=FRAMES)
-    parser.add_argument("--workers", type=int, default=1)
     asked = parser.parse_args()
     seeds = [int(seed) for seed in asked.seeds.split(",")]
     tasks = [PathTask(*task, asked.frames) for task in itertools.product(asked.shapes.split(","), seeds)]

@@ -135,8 +135,7 @@ def show_memory(count: int, long: int) -> None:
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
-    parser.add_argument("--frames", type=int, default=120)
+    parser = common.create_parser(__doc__, frames=120)
     parser.add_argument("--repeat", type=int, default=3, help="runs of each strategy; times of all are pooled")
     parser.add_argument("--long", type=int, default=2000, help="updates of the memory run; 0 leaves it out")
     parser.add_argument("--starts", type=int, default=11, help="fresh processes of each kind; 0 leaves them out")

@@ -293,15 +293,13 @@ def transfer_outcome(scene: Scene, views: Views, rng: np.random.Generator) -> st
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
-    parser.add_argument("--shapes", default=",".join(SHAPES))
+    parser = common.create_parser(__doc__, shapes=",".join(SHAPES), seed=0)
     parser.add_argument("--pairs", type=int, default=30, help="of outlines, for each built-in shape")
     parser.add_argument("--silhouettes", type=int, default=4, help="pairs for each silhouette; 0 for none")
     parser.add_argument(
         "--cut", type=int, default=4, help="pairs of each built-in shape with a piece cut off; 0 for none"
     )
     parser.add_argument("--images", type=int, default=4, help="rendered pairs for each built-in shape; 0 for none")
-    parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     built_in = {name: SHAPES[name]() for name in given.shapes.split(",")}
     show_outlines(built_in, given.pairs, given.seed, "global match, outlines of the built-in shapes")

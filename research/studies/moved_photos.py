@@ -250,10 +250,7 @@ def follow_tool(scene: MovedPhoto) -> dict[str, int]:
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
-    parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--frames", type=int, default=24)
-    parser.add_argument("--seed", type=int, default=1)
+    parser = common.create_parser(__doc__, kinds=",".join(KINDS), frames=24, seed=1)
     parser.add_argument("--each", type=int, default=1, help="take every so many-th photo, ...")
     parser.add_argument("--from", dest="start", type=int, default=0, help="... from this one on")
     asked, photos = common.parse_with_photos(parser)

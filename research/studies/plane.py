@@ -156,11 +156,8 @@ HEADS = [
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
-    parser.add_argument("--parts", default=PARTS)
+    parser = common.create_parser(__doc__, parts=PARTS, seed=100, workers=1)
     parser.add_argument("--tilts", default=",".join(map(str, TILTS)), help="degrees")
-    parser.add_argument("--seed", type=int, default=100)
-    parser.add_argument("--workers", type=int, default=1)
     asked = parser.parse_args()
     names, asked_tilts = asked.parts.split(","), tuple(int(t) for t in asked.tilts.split(","))
     cases = [TiltCase(*c, asked.seed) for c in itertools.product(names, asked_tilts, range(len(AZIMUTHS)))]

@@ -89,11 +89,13 @@ def tracking_error(frames: list[SceneFrame], first: NDArray[np.uint8], contacts:
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
-    parser.add_argument("--shapes", default="bracket,half-disc,bottle,key,gear,s-blob")
-    parser.add_argument("--disturbances", default="clean-4dof,clean-6dof,still,noise,blur")
-    parser.add_argument("--frames", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=702)
+    parser = common.create_parser(
+        __doc__,
+        shapes="bracket,half-disc,bottle,key,gear,s-blob",
+        disturbances="clean-4dof,clean-6dof,still,noise,blur",
+        frames=40,
+        seed=702,
+    )
     asked = parser.parse_args()
     common.begin_section("How exact it could be")
     common.add_paragraph("px, rms of a contact. The last column is of the same first view without its noise.")

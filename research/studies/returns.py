@@ -179,13 +179,15 @@ def format_row(name: str, rows: list[ReturnOutcome]) -> list[str]:
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
-    parser.add_argument("--parts", default="bracket,half-disc,bottle,key,spanner")
-    parser.add_argument("--disturbances", default="clean-6dof,print,gravel,crowd,equals,thick")
-    parser.add_argument("--repeats", type=int, default=8)
+    parser = common.create_parser(
+        __doc__,
+        parts="bracket,half-disc,bottle,key,spanner",
+        disturbances="clean-6dof,print,gravel,crowd,equals,thick",
+        repeats=8,
+        seed=7,
+        workers=2,
+    )
     parser.add_argument("--others", type=float, default=0.2, help="share after whose event something else lies there")
-    parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
     kinds = asked.disturbances.split(",")
     cases = make_scene_cases(built_in(asked.parts.split(",")), kinds, repeats=asked.repeats, seed=asked.seed)

@@ -85,12 +85,10 @@ def rows_of_path(runs: list[Scores]) -> Iterator[list[object]]:
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
+    parser = common.create_parser(__doc__, frames=FRAMES, workers=1)
     parser.add_argument("--shapes", default="", help="built-in outlines, A,B; all where nothing else is given")
     parser.add_argument("--silhouettes", help="folder or pattern of silhouettes")
     parser.add_argument("--seeds", default="0", help="of the paths, A,B")
-    parser.add_argument("--frames", type=int, default=FRAMES)
-    parser.add_argument("--workers", type=int, default=1)
     asked = parser.parse_args()
     parts = parts_from_silhouettes(asked.silhouettes) if asked.silhouettes else []
     parts += built_in([name for name in asked.shapes.split(",") if name]) if asked.shapes or not parts else []

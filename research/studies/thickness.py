@@ -98,10 +98,8 @@ def select_tilt(frames: list[FrameScore], tilt: int) -> list[FrameScore]:
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
-    parser.add_argument("--parts", default=PARTS)
+    parser = common.create_parser(__doc__, parts=PARTS, workers=2)
     parser.add_argument("--thick", default=",".join(map(str, THICK)), help="of sqrt(area)")
-    parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
     names, thick = asked.parts.split(","), [float(t) for t in asked.thick.split(",")]
     cases = [ThicknessCase(*c) for c in itertools.product(names, (False, True), thick, range(len(AZIMUTHS)))]

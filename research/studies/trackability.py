@@ -247,15 +247,13 @@ def outcome_row(o: RunOutcome, unforeseen: Unforeseen) -> list[object]:
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
+    parser = common.create_parser(__doc__, disturbances=DISTURBANCES, jobs=1)
     parser.add_argument("--parts", default=OTHERS, help=f"of the scenes; with --fit {PARTS}")
-    parser.add_argument("--disturbances", default=DISTURBANCES)
     parser.add_argument("--frames", type=int, default=31, help="of a scene")
     parser.add_argument("--seed", type=int, default=0, help="of the scenes")
     parser.add_argument(
         "--real", type=Path, action="append", help="folder of videos, as for `evaluate real`; several may be"
     )
-    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--fit", action="store_true", help="fit what is not foreseen to these runs")
     parser.add_argument("--write", type=Path, default=FILE, help="file for what is fitted")
     args = parser.parse_args()

@@ -351,11 +351,10 @@ def show_turned(pairs: int, seed: int, workers: int) -> None:
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
+    parser = common.create_parser(__doc__, workers=1)
     parser.add_argument("--pairs", type=int, default=600, help="outlines of each kind")
     parser.add_argument("--points", type=int, nargs="+", default=[300], help="points of an outline")
     parser.add_argument("--seed", type=int, default=1, help="of the first outline")
-    parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
     for points in args.points:
         show_pairs(args.pairs, points, args.seed, args.workers)

@@ -82,10 +82,7 @@ def score_row(method: str, frames: list[FrameScore]) -> list[str]:
 
 def main() -> None:
     """Run and print."""
-    parser = common.create_parser(__doc__)
-    parser.add_argument("--frames", type=int, default=40)
-    parser.add_argument("--shapes", default=",".join(SHAPES))
-    parser.add_argument("--workers", type=int, default=2)
+    parser = common.create_parser(__doc__, frames=40, shapes=",".join(SHAPES), workers=2)
     asked = parser.parse_args()
     common.begin_section("A calibrated camera")
     common.add_table(["640x480 grey, ms", "BGR, ms", "once, ms"], [time_undistortion()])
