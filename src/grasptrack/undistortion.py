@@ -186,15 +186,13 @@ class Undistortion:
         """A result with contacts, covariance and outline in px of the original image, homographies in ideal px."""
         contacts, covariance = result.contacts, result.covariance
         H, spread = result.homography, result.homography_covariance
-        plane = result.rectification
-        if plane is not None:
-            plane = plane @ np.array([[1, 0, -self.offset[0]], [0, 1, -self.offset[1]], [0, 0, 1.0]])
+        x, y = self.offset
+        there, back = np.array([[1, 0, x], [0, 1, y], [0, 0, 1.0]]), np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1.0]])
+        plane = None if result.rectification is None else result.rectification @ back
         if contacts is not None:
             contacts, J = self._seen_near(contacts)
             covariance = None if covariance is None else J @ covariance @ np.swapaxes(J, 1, 2)
         if H is not None:
-            (x, y) = self.offset
-            there, back = np.array([[1, 0, x], [0, 1, y], [0, 0, 1.0]]), np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1.0]])
             moved = there @ H @ back
             if spread is not None:
                 # of the entries row by row, the last one being 1 again

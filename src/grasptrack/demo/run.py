@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Generator, Sequence
+from contextlib import closing, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -97,16 +98,12 @@ def run_demo(
     tell: Progress = progress if progress is not None else lambda step, done, total: None
     scene = demo_scene(frames)
     rendered: list[DemoFrame] = []
-    writer = VideoWriter(output / "scene.mp4", scene.fps) if video else None
-    try:
+    with closing(VideoWriter(output / "scene.mp4", scene.fps)) if video else nullcontext() as writer:
         for frame in scene:
             rendered.append(frame)
             if writer is not None:
                 writer.write(frame.image)
             tell("render", len(rendered), frames)
-    finally:
-        if writer is not None:
-            writer.close()
     _write_truth(output / "truth.csv", rendered)
     return [
         _track_scene(GraspTracker(strategy=name, risk=risk), rendered, scene.fps, output / name, video, tell)

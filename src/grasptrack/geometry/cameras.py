@@ -25,6 +25,9 @@ HOLDS = 0.9
 _FAR = 3.0
 """The radius up to which they are looked at, in radii of the farthest corner."""
 _STEP = 1e-6
+_ANGLES = 2.0 * math.pi * np.arange(24) / 24
+_WAYS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+"""Directions from the middle in which they are looked at."""
 
 
 @compared_by_value
@@ -130,10 +133,9 @@ class Camera:
         seen = self._pixels_to_rays(p)
         rays = seen.copy()
         for _ in range(60):
+            off = (self._seen_rays(rays) - seen)[..., None]
             try:
-                step = np.linalg.solve(self._distortion_jacobian(rays), (self._seen_rays(rays) - seen)[..., None])[
-                    ..., 0
-                ]
+                step = np.linalg.solve(self._distortion_jacobian(rays), off)[..., 0]
             except np.linalg.LinAlgError:
                 raise InputError("no ideal pixel is known of points so far outside the image") from None
             rays -= step
@@ -173,10 +175,8 @@ class Camera:
         if not self.distorted:
             return far
         radii = far * np.linspace(0.0, 1.0, 401)
-        angles = 2.0 * math.pi * np.arange(24) / 24
-        ways = np.column_stack([np.cos(angles), np.sin(angles)])
         with np.errstate(all="ignore"):
-            slopes = self._bare_slopes(radii[:, None, None] * ways)
+            slopes = self._bare_slopes(radii[:, None, None] * _WAYS)
         # Both directions must go on growing: a fold along the radius and a pole of the quotient alike end it.
         good = (np.linalg.det(slopes) > 0.0) & (np.trace(slopes, axis1=-2, axis2=-1) > 0.0)
         bad = ~good.all(axis=1)
@@ -184,10 +184,7 @@ class Camera:
 
     def _least_distorted_radius(self, radius: float) -> float:
         """The least radius at which points at a radius are seen."""
-        angles = 2.0 * math.pi * np.arange(24) / 24
-        return float(
-            np.hypot(*self._apply_lens_model(radius * np.column_stack([np.cos(angles), np.sin(angles)])).T).min()
-        )
+        return float(np.hypot(*self._apply_lens_model(radius * _WAYS).T).min())
 
     def _clamp_rays(self, rays: Floats) -> Floats:
         """The rays, drawn in to where the polynomials hold."""

@@ -15,7 +15,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import HORIZON, behind_camera_error
 from grasptrack.grasp.contact_regions import Regions, regions_of
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.grasp.force_closure import Analyzer, GraspAnalysis
+from grasptrack.grasp.force_closure import Analyzer, ForceClosure, GraspAnalysis
 from grasptrack.typing import Floats
 
 CHANCE = 0.9
@@ -132,6 +132,7 @@ class ClosureCheck:
         normals, margin = self._analysis.normals, self._analysis.margin
         tangents = self._to_view[:2, :2] @ np.stack([-normals[:, 1], normals[:, 0]])
         tangents = (tangents / np.hypot(*tangents)).T * BEND_PX
+        x, y = contacts[0].tolist()  # about which point torque is taken is of no account to the margin
         most = 0.0
         for way in (-1.0, 1.0):
             beside = carried_points(self._plane.best, self._contacts + way * tangents)
@@ -140,15 +141,10 @@ class ClosureCheck:
             for i in range(len(contacts)):
                 changed = normals.copy()
                 changed[i] = there[i]
-                most = max(most, abs(self._closure_margin(contacts, changed) - margin))
+                closure = ForceClosure.of(contacts, changed, (x, y), self._analysis.rho, self._friction)
+                most = max(most, abs(closure.margin - margin))
         across = NORMAL_PX * math.sqrt(2.0) / width
         return most**2 + across**2
-
-    def _closure_margin(self, contacts: Floats, normals: Floats) -> float:
-        """rad; about which point torque is taken is of no account to it."""
-        x, y = contacts[0].tolist()
-        needed = kernels.force_closure(contacts, normals, x, y, self._analysis.rho, self._friction).friction_angle
-        return math.atan(self._friction) - needed
 
     def in_image(self, contacts: Floats, carried: Floats) -> float:
         """Margin, rad, of contacts (k, 2) px in a view as it is, the outline carried there by H_current_reference (3, 3)."""

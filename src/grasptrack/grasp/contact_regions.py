@@ -231,7 +231,6 @@ def regions_of(
     contacts = kernels.point_at(outline.points, outline.offsets, places)
     slips = [BoundarySamples(outline, int(c), p, REACH * size, width) for c, p, _ in places.tolist()]
     tangents = np.array([[n[1], -n[0]] for n in (s.normals[SAMPLES] for s in slips)])
-    empty = Regions(contacts, tangents, np.zeros(len(grasp)), np.zeros(len(grasp)))
     if len(grasp) == 2:
         ends = _of_pair(slips, friction)
     else:
@@ -239,7 +238,7 @@ def regions_of(
         edges = [s.cone_edges(np.array([cx, cy]), analysis.rho, friction) for s in slips]
         ends = of_more(edges, [s.usable for s in slips])
     if ends is None:
-        return empty
+        return Regions(contacts, tangents, np.zeros(len(grasp)), np.zeros(len(grasp)))
     back = np.array([-s.at[SAMPLES - low] for s, (low, _) in zip(slips, ends, strict=True)])
     ahead = np.array([s.at[SAMPLES + high] for s, (_, high) in zip(slips, ends, strict=True)])
     return Regions(contacts, tangents, back, ahead)

@@ -136,7 +136,10 @@ class Snake:
                 reason = f"the outline no longer fits the template: {misfit:.1f} px of tilt or another shape"
             else:
                 self._edges.learn_levels(match.edges, match.seen)
-        return self._make_result(match, reason)
+        state = motion.state if match is None else match.state
+        residual, misfit = (math.inf, math.inf) if match is None else (match.residual, match.misfit)
+        homography, points = self.space.homography(state), self.space.curve_points(state)
+        return SnakeFit(not reason, reason, homography, points, residual, misfit)
 
     def _search_reach(self) -> float:
         """px to search: three standard deviations of the predicted curve along its normals."""
@@ -161,12 +164,6 @@ class Snake:
         if not 0.01 < area < 100.0:
             return f"the outline's area would have changed by a factor of {area:.2g}"
         return ""
-
-    def _make_result(self, match: CurveMatch | None, reason: str) -> SnakeFit:
-        state = self._motion.state if match is None else match.state
-        residual, misfit = (math.inf, math.inf) if match is None else (match.residual, match.misfit)
-        homography, points = self.space.homography(state), self.space.curve_points(state)
-        return SnakeFit(not reason, reason, homography, points, residual, misfit)
 
 
 def _require_grey_image(image: Grey) -> Grey:

@@ -131,9 +131,10 @@ def _of_outline(found: Findings) -> list[Reason]:
     if not whole.observable and whole.unswayed >= HARDLY:
         return [Reason("the noise of its edges hides a tilt", _clearer_edge_advice(looks))]
     if not whole.observable:
-        mixed, text = _confused_with_tilt(found.motions), "a tilt is not shown by this outline"
+        text = "a tilt is not shown by this outline"
+        mixed = [WORDS[m.name] for m in found.motions.motions if m.name in WORDS and "homography" not in m.observed]
         if mixed:
-            text = f"a tilt cannot be told from {_join_names(mixed)} by this outline"
+            text = f"a tilt cannot be told from {_join_names(list(dict.fromkeys(mixed)))} by this outline"
         return [Reason(text, "begin with the whole object in view" if looks.clipped else NO_TURN)]
     if found.refusal:
         return [Reason(found.refusal, "another grasp, nearer to where the outline bends")]
@@ -143,12 +144,6 @@ def _of_outline(found: Findings) -> list[Reason]:
         advice = "a sharper image" if looks.sharpness > EDGE_WINDOW else "more of the object in view, or another object"
         return [Reason(text, advice)]
     return []
-
-
-def _confused_with_tilt(motions: Motions) -> list[str]:
-    """The motions within the image that are not told from a tilt, in words."""
-    names = [WORDS[m.name] for m in motions.motions if m.name in WORDS and "homography" not in m.observed]
-    return list(dict.fromkeys(names))
 
 
 def _join_names(names: list[str]) -> str:
