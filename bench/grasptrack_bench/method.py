@@ -96,12 +96,18 @@ def score_sequence(
 
 def chosen_grasp(outline: Iterable[Floats], fingers: int = 2, friction: float = 0.5) -> Floats:
     """(k, 2) px, the contacts that all methods are to follow: the grasp that the tracker would choose on this outline."""
-    contours = []
-    for i, polygon in enumerate(outline):
-        length = float(np.hypot(*(np.roll(polygon, -1, axis=0) - polygon).T).sum())
-        points = kernels.resample(np.ascontiguousarray(polygon, dtype=np.float64), max(24, round(length)), 0.0)
-        contours.append(Contour(points, hole=i > 0))
-    found, reason = synthesize_grasps(View(contours), AUTO, fingers, friction, None, [])
+    found, reason = synthesize_grasps(outline_of(outline), AUTO, fingers, friction, None, [])
     if not found:
         raise GraspError(f"no stable grasp: {reason}")
     return found[0].contacts
+
+
+def outline_of(polygons: Iterable[Floats], spacing: float = 1.0) -> View:
+    """Polygons (N, 2) px, outer first, as contours with a point at about every `spacing` px."""
+    contours = []
+    for i, polygon in enumerate(polygons):
+        length = float(np.hypot(*(np.roll(polygon, -1, axis=0) - polygon).T).sum())
+        count = max(24, round(length / spacing))
+        points = kernels.resample(np.ascontiguousarray(polygon, dtype=np.float64), count, 0.0)
+        contours.append(Contour(points, hole=i > 0))
+    return View(contours)

@@ -16,6 +16,7 @@ from grasptrack.grasp.closure_probability import chance_of_closing
 from grasptrack.grasp.contact_regions import regions_of
 from grasptrack.grasp.force_closure import FINGER_WIDTH, ForceClosure
 from grasptrack.typing import Bools, Floats
+from grasptrack_bench.method import outline_of
 from grasptrack_bench.simulation import SHAPES
 from research.studies import common
 
@@ -91,7 +92,7 @@ def main() -> None:
         found: dict[float, list[tuple[float, float, float]]] = {sigma: [] for sigma in SIGMAS}
         once = []
         for name in asked.shapes.split(","):
-            view = common.outline_of([polygon * SIZE + (320.0, 240.0) for polygon in SHAPES[name]().polygons])
+            view = outline_of([polygon * SIZE + (320.0, 240.0) for polygon in SHAPES[name]().polygons])
             listed = gt.synthesize(view, fingers, FRICTION, None, 10)
             for at in sorted({round(i) for i in np.linspace(0, len(listed) - 1, asked.grasps)} if listed else ()):
                 began = time.perf_counter()

@@ -22,7 +22,6 @@ import cv2
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.geometry.contours import Contour, View
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.typing import Bools, Floats, Pixels
 from grasptrack_bench.method import Maker, MethodStart, chosen_grasp
@@ -125,16 +124,6 @@ def run_all(function: Callable[[Case], Outcome], cases: Sequence[Case], workers:
         return [function(case) for case in cases]
     with ProcessPoolExecutor(workers) as pool:
         return list(pool.map(function, cases))
-
-
-def outline_of(polygons: Iterable[Floats], spacing: float = 1.0) -> View:
-    """Polygons (N, 2) px, outer first, as contours with a point at about every `spacing` px."""
-    contours = []
-    for i, polygon in enumerate(polygons):
-        length = float(np.hypot(*(np.roll(polygon, -1, axis=0) - polygon).T).sum())
-        points = kernels.resample(np.ascontiguousarray(polygon), max(24, round(length / spacing)), 0.0)
-        contours.append(Contour.trusted(points, hole=i > 0))
-    return View(contours)
 
 
 # --- the clock -----------------------------------------------------------------------------------

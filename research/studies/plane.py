@@ -15,7 +15,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.force_closure import analyze
 from grasptrack_bench.simulation import SHAPES, Conditions, Path, Pinhole, Scene
-from grasptrack_bench.simulation.frame import sample_outline
+from grasptrack_bench.simulation.coverage import sample_outline
 from grasptrack_bench.simulation.textures import sample_look
 from research.studies import common
 

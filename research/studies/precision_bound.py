@@ -13,7 +13,7 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats
-from grasptrack_bench.method import chosen_grasp
+from grasptrack_bench.method import chosen_grasp, outline_of
 from grasptrack_bench.scenes import SceneCase, ScenePart
 from grasptrack_bench.simulation import SHAPES, Scene, SceneFrame
 from research.studies import common
@@ -81,7 +81,7 @@ def error_bounds(target: Target, scene: Scene) -> tuple[float, float]:
 
 def tracking_error(frames: list[SceneFrame], first: NDArray[np.uint8], contacts: Floats) -> tuple[Target, float]:
     """The target, and px, rms of its contacts in all frames that were answered after a first image."""
-    follower = Follower(first, common.outline_of(frames[0].outline), contacts, 0.0)
+    follower = Follower(first, outline_of(frames[0].outline), contacts, 0.0)
     found = [(follower.update(f.image, f.time), f) for f in frames[1:]]
     off = [d.estimate.contacts - f.carry(contacts) for d, f in found if d.is_accepted and d.estimate is not None]
     return follower.target, float(np.sqrt((np.array(off) ** 2).sum(axis=2).mean())) if off else math.nan

@@ -19,6 +19,7 @@ from grasptrack.grasp.synthesis.candidates import Stable, sample_candidates
 from grasptrack.grasp.synthesis.limits import UnevennessLimits, reject_infeasible
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.typing import Floats
+from grasptrack_bench.method import outline_of
 from grasptrack_bench.simulation import SHAPES
 from grasptrack_bench.simulation.outlines import circle_polygon
 from research.studies import common
@@ -53,7 +54,7 @@ def test_outlines() -> dict[str, gt.View]:
         scale = 200.0 / float(np.ptp(polygons[0], axis=0).max())
         scaled = [scale * polygon for polygon in polygons]
         length = sum(float(np.hypot(*np.diff(c, axis=0, append=c[:1]).T).sum()) for c in scaled)
-        found[name] = common.outline_of(scaled, length / POINTS)
+        found[name] = outline_of(scaled, length / POINTS)
     return found
 
 

@@ -19,9 +19,9 @@ from grasptrack.grasp.contact_regions import Regions, epsilon_quality, regions_o
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
 from grasptrack.grasp.synthesis import synthesize
+from grasptrack_bench.method import outline_of
 from grasptrack_bench.simulation import SHAPES
 from research.studies.closure_probability import closes_after, closes_at, sample_covariances
-from research.studies.common import outline_of
 
 SIZE, FRICTION = 175.0, 0.5
 TILTED = np.array([[0.9, 0.2, 10.0], [-0.15, 1.1, 5.0], [3e-4, -2e-4, 1.0]])

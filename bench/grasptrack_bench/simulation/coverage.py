@@ -158,8 +158,15 @@ def _downsample_field(field: NDArray[np.uint8], width: int, height: int, sigma: 
 
 def subdivide_polygon(polygon: Floats, step: float) -> Floats:
     """The same polygon with its sides cut into equal pieces no longer than `step`."""
-    sides = np.roll(polygon, -1, axis=0) - polygon
-    count = np.maximum(1, np.ceil(np.hypot(sides[:, 0], sides[:, 1]) / step)).astype(np.int64)
-    side = np.repeat(np.arange(len(count)), count)
-    share = (np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count)) / count[side]
-    return np.asarray(polygon[side] + share[:, None] * sides[side], dtype=np.float64)
+    return sample_outline([polygon], step, at=0.0)[0]
+
+
+def sample_outline(polygons: Sequence[Floats], step: float, at: float = 0.5) -> tuple[Floats, Floats]:
+    """Points (N, 2) along all sides of polygons, one at a share of each of the equal pieces, no longer than `step`, that the
+    sides are cut into; and the length (N,) that each stands for."""
+    starts = np.concatenate(polygons)
+    sides = np.concatenate([np.roll(p, -1, axis=0) - p for p in polygons])
+    lengths = np.hypot(sides[:, 0], sides[:, 1])
+    count = np.maximum(1, np.ceil(lengths / step)).astype(np.int64)
+    side, piece = _expand_counts(count)
+    return starts[side] + ((piece + at) / count[side])[:, None] * sides[side], lengths[side] / count[side]

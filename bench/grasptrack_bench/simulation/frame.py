@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.typing import Floats
 from grasptrack_bench.simulation.camera import Pinhole, RollingShutter
+from grasptrack_bench.simulation.coverage import sample_outline
 from grasptrack_bench.simulation.outlines import inside_polygons, polygon_moments
 
 PINHOLE = Pinhole()
@@ -158,14 +158,3 @@ class SceneFrame:
     def area(self) -> float:
         """Area of the object's image in px^2, holes subtracted; 0 when it is not present."""
         return float(sum(polygon_moments(polygon)[0] for polygon in self.outline))
-
-
-def sample_outline(polygons: Sequence[Floats], step: float) -> tuple[Floats, Floats]:
-    """Points (N, 2) along all sides of polygons, at most `step` apart, and the length (N,) that each stands for."""
-    starts = np.concatenate(polygons)
-    sides = np.concatenate([np.roll(p, -1, axis=0) - p for p in polygons])
-    lengths = np.hypot(sides[:, 0], sides[:, 1])
-    count = np.maximum(1, np.ceil(lengths / step)).astype(np.int64)
-    side = np.repeat(np.arange(len(count)), count)
-    share = (np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[side]
-    return starts[side] + share[:, None] * sides[side], lengths[side] / count[side]
