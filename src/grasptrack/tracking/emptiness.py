@@ -60,7 +60,9 @@ def against_bare_contacts(decision: Decision, state: TrackState, levels: list[Gr
         levels: the image's pyramid.
     """
     e, sightings = decision.estimate, state.sightings
-    if e is None or len(e.visible) != len(sightings.shown) or (contact_testimony(state, e) >= SEEN).all():
+    if e is None or (state.lost and decision.evidence <= 0.0):  # nothing shows the object
+        return decision
+    if len(e.visible) != len(sightings.shown) or (contact_testimony(state, e) >= SEEN).all():
         return decision
     told, target, Q = sightings.bare, state.target, state.target.noise_of_motion
     rests = align_look(

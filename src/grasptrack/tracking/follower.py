@@ -56,7 +56,7 @@ from grasptrack.tracking.redetection import Redetection, best_sighted_pose
 from grasptrack.tracking.rivals import Rivals
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.state import TrackState
-from grasptrack.tracking.surroundings import ground_of_surroundings
+from grasptrack.tracking.surroundings import Surroundings
 from grasptrack.tracking.target import Grey, Target, build_pyramid
 from grasptrack.typing import Floats
 
@@ -138,6 +138,7 @@ class Follower:
         self.state = first_state(target, levels, before, time)
         self.redetection = Redetection(target, levels, observer, hidden)
         self.rivals = Rivals(self.state, self.redetection)
+        self._surroundings = Surroundings(self.state)
         self.follow_beside([])
 
     def follow_beside(self, others: list[TrackState], *, alone: bool = True) -> None:
@@ -288,7 +289,7 @@ class Follower:
             return decision, predictions
         # of ground that is followed from image to image errors add up, and it may be lost for what looks like it
         guess = self.redetection.find_ground(state, levels) if followed is None else followed
-        ground = ground_of_surroundings(state, levels, solutions.found, guess)
+        ground = self._surroundings.find_ground(levels, solutions.found, guess)
         if ground is None:
             return decision, predictions
         predictions = predictions._replace(background=ground, anew=True)
@@ -466,10 +467,11 @@ class Follower:
     def _look_if_gone(self, levels: list[Grey], predictions: Predictions, solutions: Solutions) -> None:
         """What is expected changes where its place is seen without it."""
         state = self.state
-        if not state.gone:
-            rests = predictions.background if state.anchored else None
-            place = self._expected_pose(predictions) if rests is None else rests
-            state.gone = has_gone_from(state, place, levels, predictions.even, on_ground=rests is not None)
+        if state.gone:
+            return
+        rests = predictions.background if state.anchored else None
+        place = self._expected_pose(predictions) if rests is None else rests
+        state.gone = has_gone_from(state, place, levels, predictions.even, on_ground=rests is not None)
         if state.gone:
             solutions.expected = solutions.expected._replace(steps=ANYWHERE_STEPS, on_ground=False)
 

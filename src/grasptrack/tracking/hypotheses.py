@@ -11,7 +11,7 @@ import numpy as np
 
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import PoseFlow, seen_area
-from grasptrack.tracking.decision import Decision, Expected, decide_pose
+from grasptrack.tracking.decision import NOTHING, Decision, Expected, decide_pose
 from grasptrack.tracking.estimator import SHARP, WHOLE_WAY, estimate_pose
 from grasptrack.tracking.evidence import (
     STILL_FROM,
@@ -292,11 +292,16 @@ class Solutions:
         self._sharpest, self.sharp_gain = -math.inf, 0.0
         self._at_rest: PoseEstimate | None = None
         self._short: tuple[PoseEstimate, bool] | None = None  # the last answer of `falls_short`
+        self._asked, self._decision = list[object](), NOTHING  # what was decided last, and of what
         self.add(hypotheses)
 
     def decide_among(self) -> Decision:
         """What is decided of all that is found."""
-        return decide_pose(self._state, self.found, self.expected, self.marks)
+        asked: list[object] = [*self.found, self.expected, self.marks]
+        if len(asked) != len(self._asked) or any(a is not b for a, b in zip(asked, self._asked, strict=True)):
+            self._decision = decide_pose(self._state, self.found, self.expected, self.marks)
+            self._asked = asked
+        return self._decision
 
     def add(self, hypotheses: list[Hypothesis], *, goes_on: bool = False) -> None:
         """Make hypotheses exact; of a lost object those that do not lead to what was found already."""

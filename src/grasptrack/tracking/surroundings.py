@@ -10,7 +10,7 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import PoseFlow, seen_area
 from grasptrack.tracking.evidence import Agreement, pose_evidence
 from grasptrack.tracking.hypotheses import MIN_PLACES, WIDER_START
-from grasptrack.tracking.pose import SAME_PLACE, PoseEstimate, is_at, sane_area, share_in_view
+from grasptrack.tracking.pose import SAME_PLACE, Look, PoseEstimate, is_at, sane_area, share_in_view
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
@@ -21,37 +21,66 @@ ASIDE = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 """Sizes of the object by which a look is moved beside itself, for how much of it agrees by chance or as a pattern repeats."""
 
 
-def ground_of_surroundings(
-    state: TrackState, levels: list[Grey], estimates: Sequence[PoseEstimate], ground: Floats | None
-) -> Floats | None:
-    """(3, 3) where the ground has an object that was lost with it, if it surely lies where one of the estimates has it.
+class Surroundings:
+    """What surrounded an object in the last look at it, laid on later images.
 
     Args:
-        state: of the object, whose last look at it is laid on the image.
-        levels: the image's pyramid.
-        estimates: what may be the object in it.
-        ground: (3, 3) a guess of where the ground has it; None where there is none.
+        state: of the object.
     """
-    target, numbers = state.target, state.numbers
-    told: list[tuple[float, Floats]] = []
-    chance: float | None = None
-    starts = [estimate.G for estimate in _likeliest_places(state, estimates)]
-    for start in starts if ground is None else [ground, *starts]:
-        found = _laid_at(state, levels, start)
-        if found is None or not sane_area(target, found.G):
-            continue
-        chance = _chance_agreement(state) if chance is None else chance
-        told.append((numbers.temper * _agreement(state, found).log_odds(chance), found.G))
-    told.sort(key=lambda each: -each[0])
-    needed = -math.log(numbers.risk)
-    if not told or told[0][0] < needed:
-        return None
-    best, middle = told[0], target.centre[None]
-    for odds, G in told[1:]:
-        away = float(np.hypot(*(apply_homography(G, middle) - apply_homography(best[1], middle))[0]))
-        if best[0] < odds + needed and away > SAME_PLACE * math.sqrt(abs(seen_area(best[1], target.outline))):
+
+    def __init__(self, state: TrackState) -> None:
+        self._state = state
+        self._beside: tuple[Look, Floats, float] | None = None  # the last answer of `_chance_agreement`, and of what
+
+    def find_ground(
+        self, levels: list[Grey], estimates: Sequence[PoseEstimate], ground: Floats | None
+    ) -> Floats | None:
+        """(3, 3) where the ground has an object that was lost with it, if it surely lies where one of the estimates has it.
+
+        Args:
+            levels: the image's pyramid.
+            estimates: what may be the object in it.
+            ground: (3, 3) a guess of where the ground has it; None where there is none.
+        """
+        target, numbers = self._state.target, self._state.numbers
+        told: list[tuple[float, Floats]] = []
+        starts = [estimate.G for estimate in _likeliest_places(self._state, estimates)]
+        for start in starts if ground is None else [ground, *starts]:
+            found = _laid_at(self._state, levels, start)
+            if found is None or not sane_area(target, found.G):
+                continue
+            odds = _agreement(self._state, found).log_odds(self._chance_agreement())
+            told.append((numbers.temper * odds, found.G))
+        told.sort(key=lambda each: -each[0])
+        needed = -math.log(numbers.risk)
+        if not told or told[0][0] < needed:
             return None
-    return best[1]
+        best, middle = told[0], target.centre[None]
+        for odds, G in told[1:]:
+            away = float(np.hypot(*(apply_homography(G, middle) - apply_homography(best[1], middle))[0]))
+            if best[0] < odds + needed and away > SAME_PLACE * math.sqrt(abs(seen_area(best[1], target.outline))):
+                return None
+        return best[1]
+
+    def _chance_agreement(self) -> float:
+        """Share of the last look's surroundings that agrees with what lies beside them, or about the object's equals."""
+        state = self._state
+        target, look, most = state.target, state.located, 0.0
+        if self._beside is not None and self._beside[0] is look and self._beside[1] is state.equals:
+            return self._beside[2]
+        row = [step for e in state.equals for step in (e, -e)]  # it goes on where the first view did not show it
+        places = [np.array(way) * target.size for way in ASIDE] + row
+        for x, y in places:
+            found = _laid_at(state, look.levels, look.G @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]))
+            if found is None:
+                continue
+            came_back = float(np.hypot(*target.pose_difference(look.G, found.G)[:2])) < 0.5 * math.hypot(x, y)
+            share = _agreement(state, found)
+            if not came_back:
+                most = max(most, share.agreeing / share.places)
+        n = float(len(target.ring))
+        self._beside = look, state.equals, (most * n + 1.0) / (n + 2.0)
+        return self._beside[2]
 
 
 def _likeliest_places(state: TrackState, estimates: Sequence[PoseEstimate]) -> list[PoseEstimate]:
@@ -78,20 +107,3 @@ def _agreement(state: TrackState, found: PoseFlow) -> Agreement:
     look, ring = state.located, state.target.ring
     agreeing = found.agreeing * len(ring) * share_in_view(look.G, ring, look.levels[0])
     return Agreement(agreeing, max(agreeing, float(found.used)))
-
-
-def _chance_agreement(state: TrackState) -> float:
-    """Share of the last look's surroundings that agrees with what lies beside them, or about the object's equals."""
-    target, look, most = state.target, state.located, 0.0
-    row = [step for e in state.equals for step in (e, -e)]  # it goes on where the first view did not show it
-    places = [np.array(way) * target.size for way in ASIDE] + row
-    for x, y in places:
-        found = _laid_at(state, look.levels, look.G @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]))
-        if found is None:
-            continue
-        came_back = float(np.hypot(*target.pose_difference(look.G, found.G)[:2])) < 0.5 * math.hypot(x, y)
-        share = _agreement(state, found)
-        if not came_back:
-            most = max(most, share.agreeing / share.places)
-    n = float(len(target.ring))
-    return (most * n + 1.0) / (n + 2.0)
