@@ -7,10 +7,15 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from grasptrack import GraspTracker
+from grasptrack.cli.main import main
+from grasptrack.errors import InputError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.tracking import redetection as redetecting
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.placements import MAX_SOLVED
 from grasptrack.tracking.pose import Hypothesis, Look, max_contact_distance, share_in_view
@@ -23,6 +28,8 @@ from stages import HEIGHT, WIDTH, bar, photo, pose
 FIRST = pose(160.0, 120.0, -40.0)
 AWAY, SOON = 10, 5
 """Images without the object, and those within which it is found again."""
+WAIT = 12
+"""Images in which each kind of search is made at least once, whatever the bound."""
 SIDE, STEP, BLURRED = 30, 5.0, 12
 """px, side of a pack; px that a belt carries it a frame; the image that is out of focus."""
 FLAT = np.full((HEIGHT, WIDTH), 128, np.uint8)
@@ -98,6 +105,70 @@ def test_no_search_asks_for_more_than_a_few_solutions() -> None:
     for turn in range(7):
         state.lost = turn
         assert len(redetection.search_image(state, levels)) <= MAX_WAYS + MAX_SOLVED
+
+
+def searched(scene: Begun, search_ms: float | None, images: int, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """What is looked for in each image of a loss, by name."""
+    done: list[str] = []
+    for owner, name in ((redetecting.Outlines, "find_poses"), (Keypoints, "find_pose"), (redetecting, "shifted_looks")):
+        own = getattr(owner, name)
+        monkeypatch.setattr(
+            owner, name, lambda *a, n=name, f=own, **k: done.append(n + str(k.get("rows") or "")) or f(*a, **k)
+        )
+    redetection, state, told = scene.follower.redetection, scene.follower.state, []
+    redetection.search_ms = search_ms
+    for turn in range(images):
+        state.lost = turn
+        redetection.search_image(state, build_pyramid(photo([], seed=turn)))
+        told.append(done.copy())
+        done.clear()
+    return told
+
+
+@given(search_ms=st.floats(1e-3, 30.0), name=st.sampled_from(["bracket", "hook"]))
+@settings(max_examples=10)
+def test_what_does_not_fit_into_the_bound_is_done_in_the_next_images(search_ms: float, name: str) -> None:
+    images = 24
+    with pytest.MonkeyPatch.context() as patch:
+        bound = searched(begun(name), search_ms, images, patch)
+    with pytest.MonkeyPatch.context() as patch:
+        free = searched(begun(name), None, images, patch)
+    assert all(1 <= len(done) <= 3 for done in bound)
+    for kind in (
+        "find_poses",
+        "shifted_looks",
+        "find_pose",
+    ):  # nothing starves: in any few images there is something of each
+        assert any(each.startswith(kind) for done in free[:3] for each in done)
+        for k in range(images - WAIT):
+            assert any(each.startswith(kind) for done in bound[k : k + WAIT] for each in done), (kind, k)
+    assert sum(map(len, bound)) <= sum(map(len, free)) + sum("slice" in each for done in bound for each in done)
+    with pytest.MonkeyPatch.context() as patch:
+        assert searched(begun(name), search_ms, images, patch) == bound  # by work, not by the clock
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("search_ms", [1e-3, 2.0, 8.0])
+@pytest.mark.parametrize("degrees", [-40.0, 100.0])
+def test_a_bound_delays_what_is_found_and_hides_nothing(search_ms: float, degrees: float) -> None:
+    scene = begun("bracket")
+    scene.follower.redetection.search_ms = search_ms
+    for k in range(AWAY):
+        assert not scene.follower.update(photo([], seed=10 + k)).is_accepted
+    H = pose(105.0 + 0.4 * degrees, 115.0, degrees, tilt=15.0)
+    found = [scene.follower.update(photo([(scene.shape, H)], seed=30 + k)) for k in range(WAIT)]
+    assert found[-1].is_accepted
+    for decision in found:
+        if decision.is_accepted and decision.estimate is not None:
+            assert max_contact_distance(decision.estimate.contacts, scene.at(H)) < 3.0
+
+
+@pytest.mark.parametrize("search_ms", [0.0, -1.0, math.nan])
+def test_a_bound_is_above_0(search_ms: float, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError):
+        GraspTracker(search_ms=search_ms)
+    assert main(["track", "video.mp4", "--search-ms", str(search_ms)]) == 2
+    assert "--search-ms is a number of ms above 0" in capsys.readouterr().err
 
 
 def test_the_share_that_is_seen_tells_a_pose_from_another() -> None:

@@ -343,5 +343,6 @@ def tracker_settings(grasp: FollowedGrasp, first: FirstImageOptions, hand: HandS
         tolerance=grasp.allowed_error(hand),
         wait=grasp.wait,
         next_object=grasp.next_object,
+        search_ms=grasp.search_ms,
         segmenter=segmenter_for(first.segmenter),
     )

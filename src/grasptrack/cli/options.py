@@ -52,6 +52,12 @@ def _risk_rate(risk: float) -> float:
     return check_risk(risk, "--risk")
 
 
+def _search_work(ms: float | None) -> float | None:
+    from grasptrack.tracking.redetection import check_search_ms
+
+    return check_search_ms(ms, "--search-ms")
+
+
 def _two_or_three(fingers: int) -> int:
     if fingers not in (2, 3):
         raise InputError(f"--fingers: grasps are chosen for 2 or 3 fingers, not {fingers}", fingers=fingers)
@@ -183,6 +189,14 @@ class FollowedGrasp(CarriedGrasp):
         None,
         "When the object has left the image, go on with the next, as with --wait; what is said of the first is not of it.",
         "--next",
+    )
+    search_ms: float | None = option_or(
+        None,
+        LIMITS,
+        "MS",
+        "Work that the search for a lost object may do in an image, in ms of a common machine; the rest follows later.",
+        callback=_search_work,
+        show_default="unlimited",
     )
 
 

@@ -33,7 +33,7 @@ OPTIONS = (
     *("strategy", "fingers", "friction", "risk", "grasp", "object", "not", "box", "outline", "choose", "sure", "wait"),
     *("masks", "first_look_ms", "segmenter", "background", "ignore", "camera", "length", "pixel_aspect", "tolerance"),
     *("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance", "scale", "resynthesize", "next"),
-    "belt",
+    *("belt", "search_ms"),
 )
 """Those of `grasptrack track` that decide what is tracked and how. The rate and the source's settings do not: a recording keeps
 the times."""

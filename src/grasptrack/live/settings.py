@@ -38,6 +38,7 @@ class Settings:
     tolerance: Length | None = None
     wait: bool = False
     next_object: bool = False
+    search_ms: float | None = None
     unit: str = ""
 
     def tracking_options(self, meant: FirstImage) -> dict[str, Any]:
@@ -48,6 +49,7 @@ class Settings:
             "friction": self.friction,
             "risk": self.risk,
             "first_look_ms": meant.first_look_ms,
+            "search_ms": self.search_ms,
             "resynthesize": self.resynthesize,
             "wait": self.wait,
             "next": self.next_object,

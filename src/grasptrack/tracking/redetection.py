@@ -2,12 +2,14 @@
 """Where the object may be when continuity does not tell: shifted from its last look, by its keypoints or its outline."""
 
 import math
+import sys
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.errors import InputError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import HORIZON
 from grasptrack.matching import MatchOutcome, Sampled, judge_hypotheses, match_outlines
@@ -15,9 +17,10 @@ from grasptrack.matching.samples import BENDS
 from grasptrack.segmentation.candidate import Candidate, outward_normals, polarity_of
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import Silhouette
+from grasptrack.segmentation.work import THRESHOLDED, AreaCost, WorkBudget
 from grasptrack.tracking.evidence import pose_evidence, wrong_object_probability
-from grasptrack.tracking.placements import SIDE_REACH, OutlineSamples, edges_in_plane, find_placements
-from grasptrack.tracking.pose import CONTINUOUS, TURNED, Hypothesis, Look, PoseEstimate, carried_in_front
+from grasptrack.tracking.placements import MAX_SOLVED, SIDE_REACH, OutlineSamples, edges_in_plane, find_placements
+from grasptrack.tracking.pose import CONTINUOUS, TURNED, Hypothesis, Look, PoseEstimate, carried_in_front, sane_area
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import GUESSED_TILT, Grey, Target, as_grey
 from grasptrack.transfer.alignment import as_similarity, find_alignments
@@ -58,18 +61,30 @@ FINE_TURNS = 8
 """One of so many images of a loss, and its second, is searched for a smaller one."""
 MAX_WAYS = 6
 """Poses that are solved for outlines: the ways in which one fits itself are rivals, and all have to be heard."""
-
-
+DETECTED, DESCRIBED = AreaCost(90.0), 0.01
+"""ms of keypoints, as `WorkBudget` counts: of the image that is searched, and of each that is found."""
+SHIFTED, MATCHED_OUTLINE, SOLVED = 1.0, 4.0, 2.5
+"""ms of a look that is shifted, of an outline that is matched, and of a pose that is solved, with its second solution."""
+WHOLE = slice(0, sys.maxsize)
+"""All rows of an image."""
 FARTHEST = 5.0
 """Sizes of the object within which others just like it are looked for."""
 
 
+class _DueSearch(NamedTuple):
+    """For "outlines", thorough by all that may show them; a "shifted" look; or "keypoints", thorough of a smaller object."""
+
+    kind: str
+    thorough: bool = False
+
+
 class _Keypoints(NamedTuple):
-    """Keypoints: (n, 2) px of the image, descriptions (n, 128) or None where there are none, and px in which they are told."""
+    """Keypoints: (n, 2) px of the image, descriptions (n, 128) or None where there are none, px of their level, and cost."""
 
     points: Floats
     descriptions: Any
     unit: float
+    cost: AreaCost
 
 
 class Keypoints:
@@ -93,26 +108,40 @@ class Keypoints:
         self._shown = self._own[self._coarse]  # by the look
         self._image, self._found = levels, self._shown  # the last image that was searched
 
-    def find_pose(self, levels: list[Grey], *, fine: bool) -> Floats | None:
-        """(3, 3) a pose on which enough keypoints of an image's pyramid agree, or None; `fine`: it may have become smaller."""
-        H = self._find_motion(self._own[self._fine if fine else self._coarse], levels, fine)
+    def find_pose(self, levels: list[Grey], *, fine: bool, rows: slice = WHOLE) -> Floats | None:
+        """(3, 3) a pose on which enough keypoints of an image's pyramid agree, or None.
+
+        Args:
+            levels: the pyramid.
+            fine: the object may have become smaller.
+            rows: px, those that are searched.
+        """
+        H = self._find_motion(self._own[self._fine if fine else self._coarse], levels, fine, rows)
         return None if H is None else self._target.pose(H)
 
-    def find_ground(self, look: Look, levels: list[Grey], *, fine: bool) -> Floats | None:
+    def are_of(self, levels: list[Grey]) -> bool:
+        """Whether this pyramid was searched last."""
+        return self._image is levels
+
+    def cost(self, levels: list[Grey], *, fine: bool) -> float:
+        """ms of a search of a whole pyramid in which keypoints are as dense as in the last one."""
+        return self._found.cost.of(levels[self._fine if fine else self._coarse].size)
+
+    def find_ground(self, look: Look, levels: list[Grey], *, fine: bool, rows: slice = WHOLE) -> Floats | None:
         """(3, 3) the pose of what lies as it lay in a look, by all that this shows; None where too little of it is found."""
         if self._look is not look:
             self._look = look
             self._shown = _detect_keypoints(look.levels[self._coarse], self._coarse, most=MAX_SHOWN)
-        H = self._find_motion(self._shown, levels, fine)
+        H = self._find_motion(self._shown, levels, fine, rows)
         return None if H is None else H @ look.G
 
-    def _find_motion(self, known: _Keypoints, levels: list[Grey], fine: bool) -> Floats | None:
+    def _find_motion(self, known: _Keypoints, levels: list[Grey], fine: bool, rows: slice = WHOLE) -> Floats | None:
         """(3, 3) from the image of some keypoints to that of a pyramid, on which enough of them agree, or None."""
         if known.descriptions is None or len(known.points) < MIN_KEYPOINTS:
             return None
-        if self._image is not levels:
+        if not self.are_of(levels):
             level = self._fine if fine else self._coarse
-            self._image, self._found = levels, _detect_keypoints(levels[level], level)
+            self._image, self._found = levels, _detect_keypoints(levels[level], level, rows=rows)
         found = self._found
         if found.descriptions is None or len(found.points) < MIN_KEYPOINTS:
             return None
@@ -128,10 +157,15 @@ class Keypoints:
         return np.asarray(H, dtype=np.float64)
 
 
-def _detect_keypoints(grey: Grey, level: int, mask: Grey | None = None, most: int = MAX_KEYPOINTS) -> _Keypoints:
-    """Keypoints of a level of an image's pyramid (H, W)."""
-    found, descriptions = cv2.SIFT.create(most, contrastThreshold=KEYPOINT_CONTRAST).detectAndCompute(grey, mask)
-    return _Keypoints(np.array([point.pt for point in found]).reshape(-1, 2) * 2.0**level, descriptions, 2.0**level)
+def _detect_keypoints(
+    grey: Grey, level: int, mask: Grey | None = None, most: int = MAX_KEYPOINTS, rows: slice = WHOLE
+) -> _Keypoints:
+    """Keypoints of a level of an image's pyramid (H, W), in some rows, px, of the image."""
+    part = grey[rows.start >> level : rows.stop >> level]
+    found, descriptions = cv2.SIFT.create(most, contrastThreshold=KEYPOINT_CONTRAST).detectAndCompute(part, mask)
+    points = np.array([point.pt for point in found]).reshape(-1, 2) + np.array([0.0, rows.start >> level])
+    cost = AreaCost(DETECTED + DESCRIBED * len(found) / AreaCost(1.0).of(part.size))
+    return _Keypoints(points * 2.0**level, descriptions, 2.0**level, cost)
 
 
 def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats]:
@@ -184,6 +218,7 @@ class Outlines:
         self._target = target
         self._observer = None if target.view.is_clipped else observer or make_detector(grey, target.view, hidden)
         self._outline: Sampled | None = None  # made at the first loss
+        self.matched = 0  # by the last search
 
     def find_poses(self, grey: Grey, H: Floats, turn: int, *, thorough: bool) -> list[Floats]:
         """(3, 3) each, the poses at which the outline lies on one of an image: all ways in which the best of them fits.
@@ -194,6 +229,7 @@ class Outlines:
             turn: number of this search: of the thresholds that an image suggests each search tries the next.
             thorough: where the learned grey levels find nothing, try what else there is, which takes longer.
         """
+        self.matched = 0
         if self._observer is None or not (thorough or self._observer.polarity):
             return []
         if self._outline is None:
@@ -213,6 +249,7 @@ class Outlines:
                 for view in views
                 if not view.is_clipped
             ]
+            self.matched += len(told)
             fits = [(best.cost / best.size, t, view) for t, view in told if (best := t.best) is not None]
             if fits:
                 fits.sort(key=lambda fit: fit[0])
@@ -261,6 +298,17 @@ def shape_difference(a: Sampled, outline: Floats) -> float:
     return share if share <= MAX_UNLIKE else math.inf
 
 
+def check_search_ms(search_ms: float | None, name: str = "search_ms") -> float | None:
+    """The work that a search for a lost object may do in an image, ms; None is no bound. A message calls it by the name.
+
+    Raises:
+        InputError: not above 0.
+    """
+    if search_ms is not None and not search_ms > 0.0:
+        raise InputError(f"{name} is a number of ms above 0, not {search_ms:g}", search_ms=search_ms)
+    return search_ms
+
+
 def wide_prior(target: Target) -> Floats:
     """(8, 8) covariance of a pose that was found, work px^2."""
     return np.asarray(
@@ -276,6 +324,9 @@ class Redetection:
         levels: pyramid of the first image.
         observer: finds outlines; it has been told which object is meant. Without one it is made from the image.
         hidden: (H, W) nonzero where nothing belongs to the scene.
+
+    Attributes:
+        search_ms: work that a search may do in an image, as `WorkBudget` counts it; None is no bound.
     """
 
     def __init__(
@@ -285,25 +336,66 @@ class Redetection:
         self._keypoints = Keypoints(target, levels)
         self._outlines = Outlines(target, levels[0], observer, hidden)
         self.samples = OutlineSamples(target, levels[0], target.A)
+        self.search_ms: float | None = None
+        self._waiting: list[_DueSearch] = []
+        self._rows, self._strip = WHOLE, 0  # of the last search for keypoints, and the strip that is next
 
     def search_image(self, state: TrackState, levels: list[Grey]) -> list[Hypothesis]:
         """Hypotheses that continuity did not give, worth solving, the most promising first.
 
         What was sighted in the image before, and outlines by the learned grey levels, cost little and are looked at in each
         image. Keypoints are looked for in the first two images of a loss and in every other one, the last look and what else
-        may show outlines in every third.
+        may show outlines in every third. What does not fit into the bound waits for the next images: that which has waited
+        longest comes first, and is done in any case. What one image shows is decided as a whole, for rivals have to be heard.
         """
-        target, turn, wide = self._target, state.lost, wide_prior(self._target)
-        matches = self.matches_in(state.located, levels, turn, thorough=turn % 3 == 2)
-        found = self.samples.promising(levels[0], matches, MAX_WAYS)
+        wide, work, turn = wide_prior(self._target), WorkBudget(self.search_ms), state.lost
+        if not turn:
+            self._waiting.clear()
+        due = [_DueSearch("outlines", turn % 3 == 2)] + [_DueSearch("shifted")] * (turn % 3 == 0)
+        due += [_DueSearch("keypoints", _is_fine_turn(turn))] * _is_turn_of_keypoints(turn)
+        self._waiting += [search for search in due if search not in self._waiting]
+        found, first = list[Hypothesis](), self._waiting[0]
         others = [] if state.sighted is None else [Hypothesis("sighted", state.sighted, wide)]
-        if turn % 3 == 0:
-            others += [Hypothesis("shifted", G, wide) for G in shifted_looks(target, state.located, levels)]
-        if _is_turn_of_keypoints(turn):
-            G = self._keypoints.find_pose(levels, fine=_is_fine_turn(turn))
-            if G is not None:
-                others.append(Hypothesis("keypoints", G, wide))
+        for search in tuple(self._waiting):
+            solved = SOLVED * (len(found) + min(len(others), MAX_SOLVED))
+            if search is not first and not work.allows(solved + self._cost(search, state, levels)):
+                continue
+            self._waiting.remove(search)
+            if search.kind == "outlines":
+                matches = self.matches_in(state.located, levels, turn, thorough=search.thorough)
+                found += self.samples.promising(levels[0], matches, MAX_WAYS, found)
+            elif search.kind == "shifted":
+                others += [Hypothesis("shifted", G, wide) for G in shifted_looks(self._target, state.located, levels)]
+            else:
+                self._rows, over = self._next_strip(search, state, levels)
+                self._waiting += [] if over else [search]
+                G = self._keypoints.find_pose(levels, fine=search.thorough, rows=self._rows)
+                others += [] if G is None else [Hypothesis("keypoints", G, wide)]
+            work.spend(self._cost(search, state, levels))  # by what was found
         return found + self.samples.promising(levels[0], others, known=found)
+
+    def _cost(self, search: _DueSearch, state: TrackState, levels: list[Grey]) -> float:
+        """ms of a search, if it finds as much as the last one did; of keypoints, of a strip."""
+        if search.kind == "shifted":
+            return SHIFTED
+        if search.kind == "outlines":
+            return THRESHOLDED.of(levels[0].size) + MATCHED_OUTLINE * self._outlines.matched
+        return self._keypoints.cost(levels, fine=search.thorough) / self._strips(search, state, levels)
+
+    def _strips(self, search: _DueSearch, state: TrackState, levels: list[Grey]) -> int:
+        """In how many strips an image is searched for keypoints, so that one fits into the bound and may show the object."""
+        size = math.sqrt(sane_area(self._target, state.located.G))
+        fitting = math.ceil(self._keypoints.cost(levels, fine=search.thorough) / (self.search_ms or math.inf))
+        return max(1, min(fitting, int(len(levels[0]) / max(size, 1.0))))
+
+    def _next_strip(self, search: _DueSearch, state: TrackState, levels: list[Grey]) -> tuple[slice, bool]:
+        """The rows of an image that come next, px, with neighbouring ones as far as the object reaches; whether it is all."""
+        strips, height = self._strips(search, state, levels), len(levels[0])
+        k, lap = self._strip % strips, math.sqrt(sane_area(self._target, state.located.G)) / 2.0
+        self._strip = (k + 1) % strips
+        if strips == 1:
+            return WHOLE, True
+        return slice(int(max(0.0, k * height / strips - lap)), int((k + 1) * height / strips + lap)), not self._strip
 
     def matches_in(self, look: Look, levels: list[Grey], turn: int = 0, *, thorough: bool = True) -> list[Hypothesis]:
         """All ways in which the outline lies on those of an image, given the last look at the object: `Outlines.find_poses`."""
@@ -327,9 +419,10 @@ class Redetection:
 
     def find_ground(self, state: TrackState, levels: list[Grey]) -> Floats | None:
         """(3, 3) where what lies as it lay in the last look has the object, by keypoints; None in images that get no search."""
-        if not _is_turn_of_keypoints(state.lost):
+        wait = any(search.kind == "keypoints" for search in self._waiting)
+        if not self._keypoints.are_of(levels) and (wait or not _is_turn_of_keypoints(state.lost)):
             return None
-        return self._keypoints.find_ground(state.located, levels, fine=_is_fine_turn(state.lost))
+        return self._keypoints.find_ground(state.located, levels, fine=_is_fine_turn(state.lost), rows=self._rows)
 
 
 def _is_turn_of_keypoints(lost: int) -> bool:

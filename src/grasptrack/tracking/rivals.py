@@ -169,12 +169,12 @@ class Rivals:
                 continue
             if any(is_at(other, place) for place in beside):
                 continue
-            if _shared_area(state.target, other.G, look.G) > OVERLAP:  # both cannot lie there: it is seen by its edges
-                continue
             if wrong_object_probability(state, other, 1.0) > 0.5:  # of the same outline, but not of its looks
                 continue
             held = share_in_view(other.G, state.target.outline, look.levels[0])
-            if pose_evidence(state, other) > LOOKALIKE_EVIDENCE * held * pose_evidence(state, own) > 0.0:
+            if not pose_evidence(state, other) > LOOKALIKE_EVIDENCE * held * pose_evidence(state, own) > 0.0:
+                continue
+            if _shared_area(state.target, other.G, look.G) <= OVERLAP:  # else it is seen by the edges of the object
                 found.append(other)
         return found
 

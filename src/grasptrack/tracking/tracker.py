@@ -42,6 +42,7 @@ from grasptrack.tracking.initialization import FirstScene, Wish, first_view, ima
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.plane import make_ruler
+from grasptrack.tracking.redetection import check_search_ms
 from grasptrack.tracking.registration import Moved
 from grasptrack.tracking.result import LocatedResult, TrackResult, UnlocatedResult
 from grasptrack.transfer import check_strategy
@@ -101,6 +102,10 @@ class GraspTracker:
         next_object: when the object has left the image, go on with the next one that lies whole in view, by a new grasp_id.
             What is said of the first image, but for `ignore` and `background`, is of the first object alone. One that comes
             back is a new one. What is hidden, blurred or lost in plain view is not given up.
+        search_ms: work that the search for a lost object may do in an image beside where motion and ground have it, ms on the
+            machine of the benchmarks, as for `first_look_ms`. What does not fit waits for the next images, that which has
+            waited longest is done in any case: less makes images of a loss faster and may find the object later. None does all
+            that is due.
 
     Attributes:
         candidates: up to three objects that the first look may take, the likeliest first, with `view` and `probability`; empty
@@ -111,7 +116,7 @@ class GraspTracker:
         StrategyError: unknown strategy, or more fingers than it can carry.
         GraspError: contacts that are none, fewer than two fingers, or more than 8.
         InputError: friction not positive, a risk or probability out of range, both a pixel and a box, both a grasp and a
-            choice, both a calibration and an aspect, a length or an aspect not above 0, or a number below 1.
+            choice, both a calibration and an aspect, a length, an aspect or a bound not above 0, or a number below 1.
     """
 
     @arguments.checked(
@@ -134,6 +139,7 @@ class GraspTracker:
         wait=arguments.truth,
         next_object=arguments.truth,
         belt=arguments.optional(arguments.array(2)),
+        search_ms=arguments.optional(arguments.number),
     )
     def __init__(
         self,
@@ -164,6 +170,7 @@ class GraspTracker:
         wait: bool = False,
         next_object: bool = False,
         belt: ArrayLike | None = None,
+        search_ms: float | None = None,
     ) -> None:
         given = None if grasp is None else Grasp(grasp)  # before the number of fingers, which it sets
         self.fingers = _checked_fingers(fingers if given is None else len(given), strategy, given)
@@ -204,6 +211,7 @@ class GraspTracker:
             sure=sure,
             first_look_ms=first_look_ms,
         )
+        self.search_ms = check_search_ms(search_ms)
         self._wish = Wish(said, self.fingers, strategy, friction, hand, choose, regions, self.risk, allowed, wait)
         self._belt = None if belt is None else np.asarray(belt, dtype=np.float64)
         self._resynthesize, self._next, self._camera = resynthesize, next_object, camera
@@ -322,6 +330,7 @@ class GraspTracker:
             return make_result(moment, "searching", reason, view=candidate.view)
         self._grasps += 1
         grasp, follower = start.grasp, start.carrier.follower
+        follower.redetection.search_ms = self.search_ms
         closure = make_closure_check(grasp, candidate.view, self.friction)
         plane = follower.state.plane
         ruler = None if self.length is None else make_ruler(follower.target, plane, self.length)
