@@ -2,7 +2,8 @@
 """Laws of the search for a lost object: it is found wherever it lies, at a bounded number of tries, and nothing raises."""
 
 import math
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from grasptrack.cli.main import main
 from grasptrack.errors import InputError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.segmentation.work import WorkBudget
 from grasptrack.tracking import redetection as redetecting
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.placements import MAX_SOLVED
@@ -104,47 +106,41 @@ def test_no_search_asks_for_more_than_a_few_solutions() -> None:
     levels = build_pyramid(photo(parts))
     for turn in range(7):
         state.lost = turn
-        assert len(redetection.search_image(state, levels)) <= MAX_WAYS + MAX_SOLVED
+        assert len(redetection.search_image(state, levels, WorkBudget())) <= MAX_WAYS + MAX_SOLVED
 
 
-def searched(scene: Begun, search_ms: float | None, images: int, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
-    """What is looked for in each image of a loss, by name."""
-    done: list[str] = []
-    for owner, name in ((redetecting.Outlines, "find_poses"), (Keypoints, "find_pose"), (redetecting, "shifted_looks")):
-        own = getattr(owner, name)
-        monkeypatch.setattr(
-            owner, name, lambda *a, n=name, f=own, **k: done.append(n + str(k.get("rows") or "")) or f(*a, **k)
-        )
-    redetection, state, told = scene.follower.redetection, scene.follower.state, []
-    redetection.search_ms = search_ms
-    for turn in range(images):
-        state.lost = turn
-        redetection.search_image(state, build_pyramid(photo([], seed=turn)))
-        told.append(done.copy())
-        done.clear()
+def searched(name: str, search_ms: float | None, images: int = 24) -> list[list[tuple[str, Any]]]:
+    """What is looked for in each image of a loss, and in which rows."""
+    scene, done, told = begun(name), list[tuple[str, Any]](), []
+    places = (redetecting.Outlines, "find_poses"), (redetecting, "shifted_looks"), (Keypoints, "find_pose")
+
+    def noted(name: str, own: Any) -> Any:
+        return lambda *a, **k: done.append((f"{name} {k.get('fine', '')}", k.get("rows"))) or own(*a, **k)
+
+    with pytest.MonkeyPatch.context() as patch:
+        for owner, each in places:
+            patch.setattr(owner, each, noted(each, getattr(owner, each)))
+        for turn in range(images):
+            scene.follower.state.lost = turn
+            levels = build_pyramid(photo([], seed=turn))
+            scene.follower.redetection.search_image(scene.follower.state, levels, WorkBudget(search_ms))
+            told.append(done.copy())
+            done.clear()
     return told
 
 
 @given(search_ms=st.floats(1e-3, 30.0), name=st.sampled_from(["bracket", "hook"]))
 @settings(max_examples=10)
 def test_what_does_not_fit_into_the_bound_is_done_in_the_next_images(search_ms: float, name: str) -> None:
-    images = 24
-    with pytest.MonkeyPatch.context() as patch:
-        bound = searched(begun(name), search_ms, images, patch)
-    with pytest.MonkeyPatch.context() as patch:
-        free = searched(begun(name), None, images, patch)
+    bound, free = searched(name, search_ms), searched(name, None)
+    assert searched(name, search_ms) == bound  # work is counted, not time
     assert all(1 <= len(done) <= 3 for done in bound)
-    for kind in (
-        "find_poses",
-        "shifted_looks",
-        "find_pose",
-    ):  # nothing starves: in any few images there is something of each
-        assert any(each.startswith(kind) for done in free[:3] for each in done)
-        for k in range(images - WAIT):
-            assert any(each.startswith(kind) for done in bound[k : k + WAIT] for each in done), (kind, k)
-    assert sum(map(len, bound)) <= sum(map(len, free)) + sum("slice" in each for done in bound for each in done)
-    with pytest.MonkeyPatch.context() as patch:
-        assert searched(begun(name), search_ms, images, patch) == bound  # by work, not by the clock
+    for kind in {kind for done in free for kind, _ in done}:  # nothing starves
+        assert all(any(kind == k for done in bound[i : i + WAIT] for k, _ in done) for i in range(len(bound) - WAIT))
+    for fine in ("find_pose True", "find_pose False"):  # strips follow one another, with what lies between them
+        strips = [rows for done in bound for kind, rows in done if kind == fine]
+        for one, other in pairwise(strips):
+            assert one.start < other.start < one.stop if other.start else one.stop >= HEIGHT
 
 
 @pytest.mark.sampled(2)
@@ -152,7 +148,7 @@ def test_what_does_not_fit_into_the_bound_is_done_in_the_next_images(search_ms: 
 @pytest.mark.parametrize("degrees", [-40.0, 100.0])
 def test_a_bound_delays_what_is_found_and_hides_nothing(search_ms: float, degrees: float) -> None:
     scene = begun("bracket")
-    scene.follower.redetection.search_ms = search_ms
+    scene.follower.search_ms = search_ms
     for k in range(AWAY):
         assert not scene.follower.update(photo([], seed=10 + k)).is_accepted
     H = pose(105.0 + 0.4 * degrees, 115.0, degrees, tilt=15.0)

@@ -12,6 +12,7 @@ import numpy as np
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.outline_detector import OutlineDetector
+from grasptrack.segmentation.work import WorkBudget
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import (
     ANYWHERE_STEPS,
@@ -118,6 +119,8 @@ class Follower:
         state: of the object.
         redetection: finds it after a loss.
         risk: that is asked for; images teach only what is sure at the default risk too.
+        search_ms: work that the search for it may do in an image, as `WorkBudget` counts it; None is no bound. What speaks
+            against an answer is looked for without one.
         slides: (n, 2) work px, shifts under which the surface looks like itself, the nearest first.
     """
 
@@ -139,6 +142,7 @@ class Follower:
         self.redetection = Redetection(target, levels, observer, hidden)
         self.rivals = Rivals(self.state, self.redetection)
         self._surroundings = Surroundings(self.state)
+        self.search_ms: float | None = None
         self.follow_beside([])
 
     def follow_beside(self, others: list[TrackState], *, alone: bool = True) -> None:
@@ -189,11 +193,11 @@ class Follower:
         if not decision.is_accepted and not shown:
             self._look_if_gone(levels, predictions, solutions)
             second = self.redetection.samples.promising(levels[0], predictions.second)
-            solutions.add(second + self.redetection.search_image(state, levels))
+            solutions.add(second + self.redetection.search_image(state, levels, WorkBudget(self.search_ms)))
             decision = solutions.decide_among()
         elif decision.is_accepted and state.lost and departure_probability(expected.steps, target.numbers) > risk:
             # what lies at its place may be another one while it lies elsewhere
-            solutions.add(self.redetection.search_image(state, levels))
+            solutions.add(self.redetection.search_image(state, levels, WorkBudget()))
             decision = solutions.decide_among()
         elif decision.is_accepted and e is not None and not state.lost and solutions.may_have_slid(e):
             decision = self._against_sliding(decision, e, levels, solutions)
@@ -327,7 +331,7 @@ class Follower:
         Of answers so near that both may be right noise alone makes the one that was searched for look better.
         """
         before = len(solutions.found)
-        solutions.add_around(self.redetection.search_image(self.state, levels))
+        solutions.add_around(self.redetection.search_image(self.state, levels, WorkBudget()))
         searched = solutions.decide_among()
         other = searched.estimate
         if other is None or max_contact_distance(other.contacts, e.contacts) > decision.tolerance:

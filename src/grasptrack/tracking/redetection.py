@@ -72,10 +72,16 @@ FARTHEST = 5.0
 
 
 class _DueSearch(NamedTuple):
-    """For "outlines", thorough by all that may show them; a "shifted" look; or "keypoints", thorough of a smaller object."""
+    """For "outlines", thorough by all that may show them; a "shifted" look; or "keypoints", thorough of a smaller object.
+
+    Attributes:
+        strip, strips: of keypoints, that which is next of so many; 0 is before their number is known.
+    """
 
     kind: str
     thorough: bool = False
+    strip: int = 0
+    strips: int = 0
 
 
 class _Keypoints(NamedTuple):
@@ -324,9 +330,6 @@ class Redetection:
         levels: pyramid of the first image.
         observer: finds outlines; it has been told which object is meant. Without one it is made from the image.
         hidden: (H, W) nonzero where nothing belongs to the scene.
-
-    Attributes:
-        search_ms: work that a search may do in an image, as `WorkBudget` counts it; None is no bound.
     """
 
     def __init__(
@@ -336,66 +339,72 @@ class Redetection:
         self._keypoints = Keypoints(target, levels)
         self._outlines = Outlines(target, levels[0], observer, hidden)
         self.samples = OutlineSamples(target, levels[0], target.A)
-        self.search_ms: float | None = None
         self._waiting: list[_DueSearch] = []
-        self._rows, self._strip = WHOLE, 0  # of the last search for keypoints, and the strip that is next
+        self._rows = WHOLE  # of the last search for keypoints
 
-    def search_image(self, state: TrackState, levels: list[Grey]) -> list[Hypothesis]:
+    def search_image(self, state: TrackState, levels: list[Grey], work: WorkBudget) -> list[Hypothesis]:
         """Hypotheses that continuity did not give, worth solving, the most promising first.
 
         What was sighted in the image before, and outlines by the learned grey levels, cost little and are looked at in each
         image. Keypoints are looked for in the first two images of a loss and in every other one, the last look and what else
         may show outlines in every third. What does not fit into the bound waits for the next images: that which has waited
         longest comes first, and is done in any case. What one image shows is decided as a whole, for rivals have to be heard.
+
+        Args:
+            state: of the object.
+            levels: the image's pyramid.
+            work: that may be done.
         """
-        wide, work, turn = wide_prior(self._target), WorkBudget(self.search_ms), state.lost
+        wide, turn = wide_prior(self._target), state.lost
         if not turn:
             self._waiting.clear()
         due = [_DueSearch("outlines", turn % 3 == 2)] + [_DueSearch("shifted")] * (turn % 3 == 0)
         due += [_DueSearch("keypoints", _is_fine_turn(turn))] * _is_turn_of_keypoints(turn)
-        self._waiting += [search for search in due if search not in self._waiting]
+        waiting = {each[:2] for each in self._waiting}
+        self._waiting += [each for each in due if each[:2] not in waiting]
         found, first = list[Hypothesis](), self._waiting[0]
         others = [] if state.sighted is None else [Hypothesis("sighted", state.sighted, wide)]
         for search in tuple(self._waiting):
+            kind, thorough, strip, strips = search
+            strips = strips or self._strips(search, state, levels, work.limit_ms)
             solved = SOLVED * (len(found) + min(len(others), MAX_SOLVED))
-            if search is not first and not work.allows(solved + self._cost(search, state, levels)):
+            again = kind == "keypoints" and self._keypoints.are_of(levels)  # an image has those of one level, or strip
+            if search is not first and (again or not work.allows(solved + self._cost(search, levels) / strips)):
                 continue
             self._waiting.remove(search)
-            if search.kind == "outlines":
-                matches = self.matches_in(state.located, levels, turn, thorough=search.thorough)
+            if kind == "outlines":
+                matches = self.matches_in(state.located, levels, turn, thorough=thorough)
                 found += self.samples.promising(levels[0], matches, MAX_WAYS, found)
-            elif search.kind == "shifted":
+            elif kind == "shifted":
                 others += [Hypothesis("shifted", G, wide) for G in shifted_looks(self._target, state.located, levels)]
             else:
-                self._rows, over = self._next_strip(search, state, levels)
-                self._waiting += [] if over else [search]
-                G = self._keypoints.find_pose(levels, fine=search.thorough, rows=self._rows)
+                self._waiting += [search._replace(strip=strip + 1, strips=strips)] * (strip + 1 < strips)
+                height, lap = (
+                    len(levels[0]) / strips,
+                    self._size(state) / 2.0,
+                )  # the neighbouring rows, for an object between
+                self._rows = slice(int(max(0.0, strip * height - lap)), int((strip + 1) * height + lap))
+                G = self._keypoints.find_pose(levels, fine=thorough, rows=self._rows)
                 others += [] if G is None else [Hypothesis("keypoints", G, wide)]
-            work.spend(self._cost(search, state, levels))  # by what was found
+            work.spend(self._cost(search, levels) / strips)  # by what was found
         return found + self.samples.promising(levels[0], others, known=found)
 
-    def _cost(self, search: _DueSearch, state: TrackState, levels: list[Grey]) -> float:
-        """ms of a search, if it finds as much as the last one did; of keypoints, of a strip."""
+    def _cost(self, search: _DueSearch, levels: list[Grey]) -> float:
+        """ms of a search of the whole image, if it finds as much as the last one did."""
         if search.kind == "shifted":
             return SHIFTED
         if search.kind == "outlines":
             return THRESHOLDED.of(levels[0].size) + MATCHED_OUTLINE * self._outlines.matched
-        return self._keypoints.cost(levels, fine=search.thorough) / self._strips(search, state, levels)
+        return self._keypoints.cost(levels, fine=search.thorough)
 
-    def _strips(self, search: _DueSearch, state: TrackState, levels: list[Grey]) -> int:
-        """In how many strips an image is searched for keypoints, so that one fits into the bound and may show the object."""
-        size = math.sqrt(sane_area(self._target, state.located.G))
-        fitting = math.ceil(self._keypoints.cost(levels, fine=search.thorough) / (self.search_ms or math.inf))
-        return max(1, min(fitting, int(len(levels[0]) / max(size, 1.0))))
+    def _strips(self, search: _DueSearch, state: TrackState, levels: list[Grey], limit_ms: float) -> int:
+        """In how many strips an image is searched for keypoints, so that one fits into a bound and may show the object."""
+        fitting = math.ceil(self._cost(search, levels) / limit_ms) if search.kind == "keypoints" else 1
+        return max(1, min(fitting, int(len(levels[0]) / max(self._size(state), 1.0))))
 
-    def _next_strip(self, search: _DueSearch, state: TrackState, levels: list[Grey]) -> tuple[slice, bool]:
-        """The rows of an image that come next, px, with neighbouring ones as far as the object reaches; whether it is all."""
-        strips, height = self._strips(search, state, levels), len(levels[0])
-        k, lap = self._strip % strips, math.sqrt(sane_area(self._target, state.located.G)) / 2.0
-        self._strip = (k + 1) % strips
-        if strips == 1:
-            return WHOLE, True
-        return slice(int(max(0.0, k * height / strips - lap)), int((k + 1) * height / strips + lap)), not self._strip
+    def _size(self, state: TrackState) -> float:
+        """px, sqrt(area) of the object in the last look."""
+        return math.sqrt(sane_area(self._target, state.located.G))
 
     def matches_in(self, look: Look, levels: list[Grey], turn: int = 0, *, thorough: bool = True) -> list[Hypothesis]:
         """All ways in which the outline lies on those of an image, given the last look at the object: `Outlines.find_poses`."""
