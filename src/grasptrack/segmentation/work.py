@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much a first look or the search for what was lost may do: steps are counted at what they cost on the machine of the benchmarks, not by a clock.
+"""How much a first look, or the search for a lost object, may do: steps are counted at what they cost on one machine.
 
-A clock would let the load of a machine decide what is found. So the same image and bound give the same answer everywhere, and
-a machine that is half as fast takes twice as long.
+That is the machine of the benchmarks. A clock would let the load of a machine decide what is found. So the same image and bound
+give the same answer everywhere, and a machine that is half as fast takes twice as long.
 """
 
 from __future__ import annotations

@@ -104,8 +104,8 @@ class GraspTracker:
             back is a new one. What is hidden, blurred or lost in plain view is not given up.
         search_ms: work that the search for a lost object may do in an image beside where motion and ground have it, ms on the
             machine of the benchmarks, as for `first_look_ms`. What does not fit waits for the next images, that which has
-            waited longest is done in any case: less makes images of a loss faster and may find the object later. What speaks against
-            an answer is looked for without a bound. None does all that is due.
+            waited longest is done in any case: less makes images of a loss faster and may find the object later. What
+            speaks against an answer is looked for without a bound. None does all that is due.
 
     Attributes:
         candidates: up to three objects that the first look may take, the likeliest first, with `view` and `probability`; empty
