@@ -356,22 +356,23 @@ class Redetection:
             work: that may be done.
         """
         wide, turn = wide_prior(self._target), state.lost
-        if not turn:
-            self._waiting.clear()
         due = [_DueSearch("outlines", turn % 3 == 2)] + [_DueSearch("shifted")] * (turn % 3 == 0)
         due += [_DueSearch("keypoints", _is_fine_turn(turn))] * _is_turn_of_keypoints(turn)
+        if math.isinf(work.limit_ms):  # all that is due is done, whatever an image before had no time for
+            self._waiting.clear()
         waiting = {each[:2] for each in self._waiting}
         self._waiting += [each for each in due if each[:2] not in waiting]
-        found, first = list[Hypothesis](), self._waiting[0]
+        found, first, done = list[Hypothesis](), self._waiting[0], set[str]()
         others = [] if state.sighted is None else [Hypothesis("sighted", state.sighted, wide)]
         for search in tuple(self._waiting):
             kind, thorough, strip, strips = search
             strips = strips or self._strips(search, state, levels, work.limit_ms)
             solved = SOLVED * (len(found) + min(len(others), MAX_SOLVED))
-            again = kind == "keypoints" and self._keypoints.are_of(levels)  # an image has those of one level, or strip
-            if search is not first and (again or not work.allows(solved + self._cost(search, levels) / strips)):
+            fits = work.allows(solved + self._cost(search, levels) / strips)
+            if search is not first and (kind in done or not fits):  # an image has one of a kind
                 continue
             self._waiting.remove(search)
+            done.add(kind)
             if kind == "outlines":
                 matches = self.matches_in(state.located, levels, turn, thorough=thorough)
                 found += self.samples.promising(levels[0], matches, MAX_WAYS, found)
@@ -379,10 +380,7 @@ class Redetection:
                 others += [Hypothesis("shifted", G, wide) for G in shifted_looks(self._target, state.located, levels)]
             else:
                 self._waiting += [search._replace(strip=strip + 1, strips=strips)] * (strip + 1 < strips)
-                height, lap = (
-                    len(levels[0]) / strips,
-                    self._size(state) / 2.0,
-                )  # the neighbouring rows, for an object between
+                height, lap = len(levels[0]) / strips, self._size(state) / 2.0  # for an object between two strips
                 self._rows = slice(int(max(0.0, strip * height - lap)), int((strip + 1) * height + lap))
                 G = self._keypoints.find_pose(levels, fine=thorough, rows=self._rows)
                 others += [] if G is None else [Hypothesis("keypoints", G, wide)]
