@@ -535,7 +535,6 @@ class PoseEstimate:
         origin: what proposed the hypothesis, to be written.
         area: px^2 of the outline in the image, to be written.
         confirmed: a second solution, from farther away, was no better, to be written.
-        denied: the outline contradicts it and tells no other pose, to be written.
         slipped: probability that it is the outline's alone, which the surface contradicts, to be written.
     """
 
@@ -575,7 +574,6 @@ class PoseEstimate:
     origin: str
     area: float
     confirmed: bool
-    denied: bool
     slipped: float
 
 class PoseFlow:

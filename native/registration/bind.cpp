@@ -95,7 +95,7 @@ struct PoseEstimate : pose::Solution {
     pose::Contacts contacts;
     double hidden = 0, area = 0;
     std::string origin;
-    bool confirmed = false, denied = false;
+    bool confirmed = false;
     double slipped = 0;
 };
 
@@ -473,7 +473,6 @@ void bind_registration(nb::module_ &m) {
         .def_rw("area", &PoseEstimate::area)
         .def_rw("origin", &PoseEstimate::origin)
         .def_rw("confirmed", &PoseEstimate::confirmed)
-        .def_rw("denied", &PoseEstimate::denied)
         .def_rw("slipped", &PoseEstimate::slipped)
         .def("__copy__", [](const PoseEstimate &e) { return e; });
     nb::class_<pose::FlowFit>(m, "PoseFlow")

@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 45_112,
-    "src/grasptrack/tracking": 10_236,
+    "src/grasptrack": 45_107,
+    "src/grasptrack/tracking": 10_231,
     "src/grasptrack/servo": 4_908,
     "src/grasptrack/io": 6_892,
     "src/grasptrack/segmentation": 4_439,
@@ -23,7 +23,7 @@ BUDGETS = {
     "src/grasptrack/grasp": 1_757,
     "bench": 16_177,
     "research": 12_588,
-    "native": 7_512,
+    "native": 7_511,
     "tests": 47_631,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""

@@ -347,7 +347,7 @@ def decide_pose(
     apart = apart_probability(state, chosen)
     false_edge = outline_open_probability(state, chosen)
     fixed = fixed_probability(state, chosen, marks, allowed)
-    slip = slip_probability(state, chosen)
+    slip = slip_probability(state, chosen, allowed)
     off, here = any_of(absent, outside, other, apart, state.alias, false_edge, fixed, slip), own / (own + elsewhere)
     sigma, place = math.sqrt(variance), {"presence": here, "edges": chosen.edge_share}
     unlike = "other-shape" if chosen.other_shape > 0.0 else "other-surface"

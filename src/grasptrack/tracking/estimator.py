@@ -120,6 +120,7 @@ def first_state(
         time=time,
         belt=before.belt,
         slip=math.log(numbers.witness_fails / (1.0 - numbers.witness_fails)),
+        fast=target.contacts,
     )
     own = estimate_pose(state, levels, Hypothesis("first", target.A, state.P))
     if own is not None:

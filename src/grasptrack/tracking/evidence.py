@@ -9,6 +9,7 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels.results import SurfaceEvidence
+from grasptrack.segmentation.choice import logistic
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.pose import SAME_PLACE, FixedMarks, PoseEstimate, max_contact_distance
 from grasptrack.tracking.state import SEEN, TrackState
@@ -213,17 +214,15 @@ def astray_share(state: TrackState, estimate: PoseEstimate) -> float:
     return estimate.elsewhere
 
 
-def slip_probability(state: TrackState, estimate: PoseEstimate) -> float:
+def slip_probability(state: TrackState, estimate: PoseEstimate, allowed: float) -> float:
     """Probability that a surface which is not fast to its outline, as a reflection is not, has led a pose astray.
 
-    Only where the outline denies that pose, or says nothing for it.
+    Only where the outline says little for that pose, and only as far as more px than are allowed lie between it
+    and where the outline last was on it.
     """
-    if texture_evidence(state, estimate) <= 0.0:
+    if texture_evidence(state, estimate) <= 0.0 or max_contact_distance(estimate.contacts, state.fast) <= allowed:
         return 0.0
-    alone = (
-        1.0 if estimate.denied else 1.0 / (1.0 + math.exp(min(outline_evidence(estimate, state.numbers), MAX_EXPONENT)))
-    )
-    return alone / (1.0 + math.exp(-state.slip))
+    return logistic(-outline_evidence(estimate, state.numbers)) * logistic(state.slip)
 
 
 def fixed_probability(state: TrackState, estimate: PoseEstimate, marks: FixedMarks | None, allowed: float) -> float:

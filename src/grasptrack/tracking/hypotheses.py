@@ -400,12 +400,8 @@ class Solutions:
         if ground is not None or self._stands_still(estimate, state.last.G):
             start = state.last.G if ground is None else ground
         other = self._outline_alone(estimate, [start, begun], still=still)
-        if other is not None and lead_alike(target, other, estimate):
+        if other is None or lead_alike(target, other, estimate):
             return estimate
-        denied = changed_estimate(estimate)
-        denied.denied = ground is None
-        if other is None:
-            return denied
         if shown and self._is_whole(other):
             self._note_marks(estimate, other.G, still=False)
         gain, fails = outline_evidence(other, numbers) - outline_evidence(estimate, numbers), numbers.risk
@@ -413,9 +409,9 @@ class Solutions:
         if ground is not None or (not covered and self._stands_still(estimate, other.G)):
             # what is fixed in the image explains a surface at rest as well as the object does
             if gain < math.log(fails):
-                return denied
+                return estimate
         elif not self._is_whole(other):
-            return denied
+            return estimate
         else:
             gain, fails = pose_evidence(state, other) - pose_evidence(state, estimate), numbers.witness_fails
         gain = min(max(gain, -MAX_LOG_ODDS), MAX_LOG_ODDS)

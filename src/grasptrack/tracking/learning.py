@@ -272,8 +272,7 @@ def _learn_slip(state: TrackState, estimate: PoseEstimate) -> None:
     agrees = 1.0 - astray_share(state, estimate) / numbers.contradicted
     if agrees <= 0.0 or shown < -math.log(numbers.risk):
         return
-    before = state.target.contacts if state.fast is None else state.fast
-    moved = max_contact_distance(estimate.contacts, before)
+    moved = max_contact_distance(estimate.contacts, state.fast)
     if moved > FAST_FROM * STILL_FROM:
         state.slip, state.fast = state.slip + 2.0 * agrees * math.log(STILL_FROM / moved), estimate.contacts
 

@@ -315,7 +315,7 @@ class TrackState:
         equals: (n, 2) work px from the object's middle to those of what is just like it in the first view.
         alias: probability that one of them has been followed since.
         slip: log-odds that its surface moves by itself, as a reflection does.
-        fast: (k, 2) px, the contacts when it was last seen that it does not; None where that was in the first image.
+        fast: (k, 2) px, the contacts when it was last seen that it does not.
         sighted: (3, 3) where something like it was seen in the last image, but not believed to be it; None where nothing was.
     """
 
@@ -330,6 +330,8 @@ class TrackState:
     plane: Plane
     sightings: ContactSightings
     sides: float
+    slip: float
+    fast: Floats
     edge_width: float
     blur_share: float
     usual: list[Floats]
@@ -380,8 +382,6 @@ class TrackState:
     equals: Floats = field(default_factory=lambda: np.empty((0, 2)))
     alias: float = 0.0
     sighted: Floats | None = None
-    slip: float = 0.0
-    fast: Floats | None = None
 
     @property
     def numbers(self) -> Numbers:
