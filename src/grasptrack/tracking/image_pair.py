@@ -249,7 +249,7 @@ class _Scene:
         return all(contains_pixel(self._asked.view.transformed(H), *at) for at in self._asked.said.object_at)
 
     def _refine_hypothesis(self, hypothesis: Hypothesis) -> PoseEstimate | None:
-        return single_estimate(self._state, self._levels, hypothesis)
+        return single_estimate(self._state, self._levels, hypothesis, one_camera=True)
 
     def decide_among(self, estimates: list[PoseEstimate | None]) -> Decision:
         """What is decided of some estimates, which stand against those that strategies will ask for."""

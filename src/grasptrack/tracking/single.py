@@ -45,7 +45,9 @@ def turned_hypotheses(target: Target, estimate: PoseEstimate) -> list[Hypothesis
     return [Hypothesis(TURNED, estimate.G @ T, target.noise_of_guess) for T in target.turns]
 
 
-def single_estimate(state: TrackState, levels: list[Grey], hypothesis: Hypothesis) -> PoseEstimate | None:
+def single_estimate(
+    state: TrackState, levels: list[Grey], hypothesis: Hypothesis, *, one_camera: bool = False
+) -> PoseEstimate | None:
     """One hypothesis made exact in an image of which no image before tells anything.
 
     Texture that the two images share by chance pulls a loose pose away, a tight one may stay beside its edges: both are
@@ -55,6 +57,7 @@ def single_estimate(state: TrackState, levels: list[Grey], hypothesis: Hypothesi
         state: of the object.
         levels: the image's pyramid.
         hypothesis: where it may be.
+        one_camera: the first image is of the same camera, and what that can show counts as knowledge.
     """
     target, numbers = state.target, state.numbers
 
@@ -63,7 +66,7 @@ def single_estimate(state: TrackState, levels: list[Grey], hypothesis: Hypothesi
         trial = Hypothesis(hypothesis.origin, G, P, reach)
         found = estimate_pose(state, levels, trial, blur_share=WHOLE_WAY if reach > 0.0 else None, still=True)
         # a prior is where to begin, not knowledge: an outline that slides along itself is exact by nothing else
-        return [] if found is None else [known_by_image(target, found, target.noise_of_view)]
+        return [] if found is None else [_without_guess(target, found, P, one_camera=one_camera)]
 
     tight = hypothesis.P * numbers.predicted**2
     found = solve_from(hypothesis.G, tight) + solve_from(hypothesis.G, hypothesis.P)
@@ -77,10 +80,21 @@ def single_estimate(state: TrackState, levels: list[Grey], hypothesis: Hypothesi
         return best
     own = numbers.temper * texture_evidence(state, best)
     # what shows another surface is no more exact by what that has in common with this one by chance
-    alone = _by_edges(state, levels, Hypothesis(hypothesis.origin, best.G, tight))
+    begun = Hypothesis(hypothesis.origin, best.G, tight)
+    if one_camera:
+        found_alone = estimate_pose(state, levels, begun, still=True, surface=False)
+        alone = found_alone and _without_guess(target, found_alone, tight, one_camera=True)
+    else:
+        alone = _by_edges(state, levels, begun)
     if alone is None or own > 0.0:
         return best if alone is None else mixed_estimate(target, [best, alone], [own, 0.0])
     return alone
+
+
+def _without_guess(target: Target, estimate: PoseEstimate, P: Floats, *, one_camera: bool) -> PoseEstimate:
+    """As exact as an estimate is without the guess (8, 8) that it began with, and without what another camera can show."""
+    known: PoseEstimate = target.handle.known_by(estimate, estimate.P, np.linalg.inv(P)) if one_camera else estimate
+    return known_by_image(target, known, target.noise_of_view)
 
 
 def surely_shown(state: TrackState, estimate: PoseEstimate) -> bool:
