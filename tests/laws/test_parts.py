@@ -172,3 +172,13 @@ def test_a_part_is_refused_that_could_not_be_found() -> None:
             gt.Part.of(part.image, part.view, list(part.grasps), **asked)
     with pytest.raises(InputError, match="1 to 10 grasps"):
         gt.Part.of(part.image, part.view, [], name="plate")
+
+
+@pytest.mark.parametrize(
+    "origin", [(1e308, 1e308, 0.0), (0.0, 1.0, 1.0), (math.nan, 1.0, 1.0), (640.0, math.inf, 0.0), (640.0, 0.0, -1e7)]
+)
+def test_a_first_image_that_is_none_is_told_in_one_line(origin: tuple[float, float, float], tmp_path: Path) -> None:
+    """One whose width and middle summed up to infinity ended the search for the part."""
+    replace(l_plate(), origin=origin).save(tmp_path / "a.part")
+    with pytest.raises(InputError):
+        gt.Part.load(tmp_path / "a.part")

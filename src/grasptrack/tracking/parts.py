@@ -25,6 +25,8 @@ from grasptrack.typing import Floats, Pixels
 
 MARGIN, MARGIN_PX = 0.25, 16
 """Share of sqrt(area), and px, of the first image that are kept round a part."""
+LARGEST_IMAGE = 1e6
+"""px that the first image is wide, and its middle lies away, at most: numbers beyond would overflow."""
 FILLED = 0.15
 """Share of an image's width that a piece fills of which nobody says from where it is."""
 LONGEST_NAME = 60
@@ -130,8 +132,8 @@ class KnownPart:
             raise InputError(f"friction must be a positive number, not {self.friction:g}", friction=self.friction)
         if not (self.px_per_mm > 0.0 or math.isnan(self.px_per_mm)) or math.isinf(self.px_per_mm):
             raise InputError(f"the scale must be a positive number of px per mm, not {self.px_per_mm:g}")
-        if self.origin is not None and not (self.origin[0] > 0.0 and np.isfinite(self.origin).all()):
-            raise InputError(f"the first image has a width above 0 px and a middle, not {self.origin}")
+        if self.origin is not None and not (self.origin[0] > 0.0 and (np.abs(self.origin) <= LARGEST_IMAGE).all()):
+            raise InputError(f"the first image has a width above 0 px and a middle near it, not {self.origin}")
         if not all(0.0 < length < math.inf for length in self.finger):
             raise InputError(f"a finger has a width and a reach above 0 px, not {self.finger}")
         low, high = self.view.outer.points.min(axis=0), self.view.outer.points.max(axis=0)
