@@ -357,3 +357,27 @@ def test_bad_input_is_one_line_and_nothing_is_written_over(tmp_path: Path, capsy
         said = capsys.readouterr()
         assert said.out == "" and said.err.count("\n") == 1
     assert other.read_text() == "my own" and sorted(p.name for p in tmp_path.iterdir()) == ["notes.part", "one.png"]
+
+
+@pytest.mark.parametrize(("outline", "slides"), [("CRESCENT", True), ("ELL", False), ("HOOK", False)])
+def test_contacts_slide_along_an_outline_of_few_arcs_while_edges_stay(outline: str, slides: bool) -> None:
+    known = part(outline.lower(), outline)
+    target = make_target(build_pyramid(known.image), known.view, known.grasps[0].contacts, NUMBERS)
+    step = 1e-3
+    moved = target.handle.moved(target.A, step * target.slide)
+
+    def way(places: np.ndarray) -> np.ndarray:
+        return (apply_homography(moved, places) - apply_homography(target.A, places)) / (step * target.A[0, 0])
+
+    contacts = np.hypot(*way(target.work_contacts).T)
+    across = (way(target.points) * target.normals).sum(axis=1)
+    assert np.sqrt(np.mean(contacts**2)) == pytest.approx(1.0, rel=0.02)
+    least = np.sqrt(np.mean(across**2))
+    assert target.slides == slides == (least * NUMBERS.tolerance_px < NUMBERS.edge_floor)
+    for d in np.eye(8) * step:  # no other error moves them by so much more than edges
+        G = target.handle.moved(target.A, d)
+        c = np.hypot(*(apply_homography(G, target.work_contacts) - apply_homography(target.A, target.work_contacts)).T)
+        e = ((apply_homography(G, target.points) - apply_homography(target.A, target.points)) * target.normals).sum(
+            axis=1
+        )
+        assert np.sqrt(np.mean(e**2)) >= 0.98 * least * np.sqrt(np.mean(c**2))
