@@ -55,6 +55,11 @@ def poses(rng: np.random.Generator, kinds: list[int], leaning: float = 0.0) -> l
     return found
 
 
+def to_unit() -> Floats:
+    """(3, 3) from px to half the image's width about its middle."""
+    return np.array([[2.0, 0.0, -SIZE[1]], [0.0, 2.0, -SIZE[0]], [0.0, 0.0, SIZE[1]]]) / SIZE[1]
+
+
 def image_of(image: Floats) -> Floats:
     return np.array([image[0, 0] - 1.0, image[0, 1], -image[2, 0], -image[2, 1]])
 
@@ -91,6 +96,33 @@ def test_what_leans_is_told_and_leads_nobody_astray(seed: int, count: int) -> No
     plane = CommonPlane([PlanePose(0, target(), G, EXACT, SIZE) for G in found])
     leaning = [plane.leaning_probability(k) for k in range(count)]
     assert leaning[-1] > 0.9 and max(leaning[:-1]) < 0.1
+
+
+@given(st.integers(0, 10_000), st.integers(6, 10))
+def test_under_one_tilt_parts_that_all_slid_as_far_are_told(seed: int, count: int) -> None:
+    """What was taught aslant looks as if all had slid along themselves: the image that is seen under the same tilt tells."""
+    rng = np.random.default_rng(seed)
+    half, (x, y) = 0.5 * target().size, target().centre
+    to_image = np.linalg.inv(to_unit())
+    seen_so = rectifying(0.5 * OF_IMAGE * rng.uniform(-1, 1, 4))
+    lay = np.array(
+        [[0.09 / half, 0.0, 0.1 - 0.09 * x / half], [0.0, 0.09 / half, -0.1 - 0.09 * y / half], [0.0, 0.0, 1.0]]
+    )
+    errors, turns = rng.multivariate_normal(np.zeros(8), EXACT, count) + SLIDE, np.linspace(0.0, 5.5, count)
+    slid, scale = EXACT + 4.0 * np.outer(SLIDE, SLIDE), rng.uniform(0.6, 1.0)
+    true, found = [], []
+    for turn, error in zip(turns, errors, strict=True):
+        c, s, (u, v) = scale * np.cos(turn), scale * np.sin(turn), rng.uniform(-0.5, 0.5, 2)
+        lies = np.array([[c, -s, u], [s, c, v], [0.0, 0.0, 1.0]]) @ seen_so @ lay
+        G = to_image @ np.linalg.inv(seen_so) @ lies
+        true.append(G / G[2, 2])
+        found.append(seen(true[-1], error))
+    left = []
+    for taught in (None, lay):
+        given_poses = [PlanePose(0, target(), G, slid, SIZE, taught) for G in found]
+        off = CommonPlane(given_poses).prior_of(0, given_poses[0], slid)[0]
+        left.append(np.abs(target().pose_difference(true[0], seen(found[0], off))).max())
+    assert left[1] < 0.3 * np.abs(SLIDE).max() and left[1] < 0.5 * left[0]
 
 
 def test_one_part_alone_is_told_next_to_nothing() -> None:

@@ -135,7 +135,7 @@ def teach(case: TrayCase, alone: World) -> Taught:
         raise InputError(f"{case.shape.name}: {grasps.reason}")
     best = grasps.grasps[:GRASPS]
     part = Part.of(image, result.view, best, name=case.shape.name, friction=FRICTION, hand=hand)
-    part = replace(part, face_up=True)
+    part = replace(part, face_up=True, same_tilt=True)  # the hand points straight down where it looks
     own = find_symmetries(Contour(subdivide_polygon(case.shape.outer * 100.0, 3.0)))
     turns = np.linspace(0.0, 2.0 * math.pi, FULL_TURN, endpoint=False).tolist() if own.continuous else []
     return Taught(

@@ -200,6 +200,13 @@ class FollowedGrasp(CarriedGrasp):
     )
 
 
+SAME_TILT = (
+    "the camera leans against the plane as it did where the parts were taught (fixed, or held alike): "
+    "ellipses and the like are found more often."
+)
+SameTilt = Annotated[bool, option(OBJECT, None, SAME_TILT[0].upper() + SAME_TILT[1:], "--same-tilt")]
+
+
 @dataclass(frozen=True)
 class PartsOptions:
     """Parts on file of which every instance is followed."""
@@ -217,6 +224,7 @@ class PartsOptions:
         "Time of the images, in s, between looks for parts that come into view, for --all.",
         show_default="2, and never in a live source, which a look of some seconds would hold up",
     )
+    same_tilt: bool = option_or(False, OBJECT, None, f"For --all: {SAME_TILT}", "--same-tilt")
 
     def has_parts(self) -> bool:
         """Whether many are followed.
@@ -226,8 +234,10 @@ class PartsOptions:
         """
         if self.all_parts and not self.part:
             raise InputError("--all follows parts on file: say which with --part FILE (grasptrack teach makes one)")
-        if not self.all_parts and (self.part or self.look_every is not None):
-            raise InputError("--part and --look-every are for following every instance of a part: add --all")
+        if not self.all_parts and (self.part or self.look_every is not None or self.same_tilt):
+            raise InputError(
+                "--part, --look-every and --same-tilt are for following every instance of a part: add --all"
+            )
         if self.look_every is not None and not 0.0 < self.look_every < math.inf:
             raise InputError(f"--look-every must be a positive number of seconds, not {self.look_every:g}")
         return self.all_parts

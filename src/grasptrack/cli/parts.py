@@ -174,6 +174,7 @@ def find(
             help_groups.OBJECT, "FILE", "Part, or folder of parts, from grasptrack teach; may be repeated.", "--part"
         ),
     ],
+    same_tilt: options.SameTilt = False,
     camera: first_image.CameraPath = None,
     ignore: first_image.IgnorePath = None,
     risk: options.Risk = 1e-3,
@@ -198,7 +199,7 @@ def find(
     from grasptrack.files import keep_inputs, write_json
     from grasptrack.first_image import FirstImage
     from grasptrack.io.json_results import instances_to_dict, write_instances_csv
-    from grasptrack.io.parts import Part, part_files
+    from grasptrack.io.parts import load_parts, part_files
     from grasptrack.tracking.instances import find as find_instances
     from grasptrack.view.instances import draw_instances
     from grasptrack.view.style import write_picture
@@ -206,7 +207,7 @@ def find(
     files = part_files(part)
     written = [output / name for name in ("instances.json", "instances.csv", "instances.png")]
     keep_inputs(written, [image, *files, *(path for path in (ignore, camera) if path is not None)])
-    known, calibration = [Part.load(file) for file in files], first_image.load_calibration(camera)
+    known, calibration = load_parts(files, same_tilt=same_tilt), first_image.load_calibration(camera)
     said = FirstImage.of(ignore=first_image.read_ignored(ignore))
     picture = first_image.only_image(image, "find takes one image").image
     help_groups.hold_until_end(output)
@@ -218,6 +219,7 @@ def find(
     write_picture(drawn, draw_instances(picture, found))
     write_instances_csv(table, found)
     asked = {"parts": [str(file) for file in files], "risk": risk, "camera": camera, "ignore": ignore}
+    asked |= {"same_tilt": same_tilt}
     content = instances_to_dict(found, image, picture.shape, asked)
     write_json(data, {**content, "files": [path.name for path in written]})
     if json_ and not quiet:

@@ -220,7 +220,7 @@ def _track_scene(
 ) -> None:
     """Follow every instance of parts on file: what is read, the parts, risk, what is ignored and the belt; what is written."""
     from grasptrack.files import keep_inputs
-    from grasptrack.io.parts import Part, part_files
+    from grasptrack.io.parts import load_parts, part_files
     from grasptrack.io.run import FILES, run_track
     from grasptrack.io.sources import open_source
     from grasptrack.tracking.scene import SceneTracker
@@ -229,12 +229,12 @@ def _track_scene(
     files = part_files(scene.part or [])
     frames = open_source(source, images.fps, settings=images.camera_settings()).start_at(start)
     every = scene.look_every or (None if frames.live else LOOK_EVERY)
-    parts, ignored = [Part.load(file) for file in files], first_image.read_ignored(ignore)
+    parts, ignored = load_parts(files, same_tilt=scene.same_tilt), first_image.read_ignored(ignore)
     tracker = SceneTracker(parts, risk=risk, ignore=ignored, belt=first_image.parse_belt(belt), look_every=every)
     read = [*frames.files, *files, *([] if ignore is None else [Path(ignore)])]
     keep_inputs([*(output / name for name in FILES), *recording.files()], read)
     asked = {"parts": list(map(str, files)), "risk": risk, "ignore": ignore, "belt": belt}
-    asked |= {"look_every": every, "start": start}
+    asked |= {"look_every": every, "start": start, "same_tilt": scene.same_tilt}
     recordings = recording.open_recordings(asked)
     quiet, done = quiet or recording.jsonl == "-", 0
     known: dict[int, list[int]] = {}

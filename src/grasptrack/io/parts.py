@@ -16,6 +16,7 @@ import os
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -245,3 +246,12 @@ def part_files(paths: Sequence[str | Path]) -> list[Path]:
             raise InputError(f'there is no file of a part (*{SUFFIX}) in "{path}"', path=str(path))
         found += files
     return found
+
+
+def load_parts(files: Sequence[Path], *, same_tilt: bool) -> list[Part]:
+    """Parts of some files, for a camera that leans as the one that taught them did, or another.
+
+    Raises:
+        InputError: a file that is none of a part.
+    """
+    return [replace(Part.load(file), same_tilt=same_tilt) for file in files]

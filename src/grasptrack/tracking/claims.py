@@ -63,7 +63,7 @@ from grasptrack.tracking.single import (
     thick_part,
 )
 from grasptrack.tracking.state import TrackState
-from grasptrack.tracking.target import build_pyramid, hidden_levels
+from grasptrack.tracking.target import Target, build_pyramid, hidden_levels
 from grasptrack.typing import Floats
 
 LEAST_OVERLAP = 0.5
@@ -98,6 +98,13 @@ class PartSide:
             target = make_target(levels, self.taught.view, contacts, self._numbers, origin=origin)
             self._states[channel] = first_state(target, levels)
         return self._states[channel]
+
+    def to_first_image(self, target: Target) -> Floats:
+        """(3, 3) from work px of a target made of it to the image that taught the part, half its width about its middle."""
+        width, x, y = self.part.seen_from
+        unit = np.array([[2.0, 0.0, -2.0 * x], [0.0, 2.0, -2.0 * y], [0.0, 0.0, width]])
+        back = self.part.flip if self.mirrored else np.eye(3)
+        return np.asarray(unit @ back @ np.linalg.inv(target.homography(np.eye(3))))
 
     @cached_property
     def grasp_analysis(self) -> GraspAnalysis | None:
@@ -152,7 +159,9 @@ class PartSearch(NamedTuple):
     def plane_pose(self, claim: PartClaim, G: Floats, claims: list[PartClaim], P: Floats | None = None) -> PlanePose:
         """A pose of one of some claims for that plane, with its covariance where it counts."""
         kinds, size = list(dict.fromkeys(c.kind for c in claims)), self.scene.colours.shape
-        return PlanePose(kinds.index(claim.kind), claim.state.target, G, np.eye(8) if P is None else P, size)
+        kind, target = claim.kind, claim.state.target
+        taught = kind.to_first_image(target) if kind.part.same_tilt else None
+        return PlanePose(kinds.index(kind), target, G, np.eye(8) if P is None else P, size, taught)
 
 
 # --- what may explain a place ------------------------------------------------------------------------
@@ -301,7 +310,7 @@ def claims_in_plane(settled: list[PartClaim], doubted: list[PartClaim], search: 
     """What is doubted, that of it whose outline leaves its pose too open once more: as the plane of the others lets it be."""
     claims = [*settled, *doubted]
     vague = [k for k, c in enumerate(claims) if k >= len(settled) and c.is_vague]
-    if not vague or len(claims) < 2:
+    if not vague or (len(claims) < 2 and not claims[0].kind.part.same_tilt):
         return doubted
     plane = search.common_plane(claims)
 

@@ -4,7 +4,9 @@
 Images of parts in one plane differ by no more than similarities, but for what rectifies this image and those that taught the
 parts: R(image) G R(taught)^-1 is a similarity for each pose G, with one R for the image and one for each kind of part. An
 outline of few arcs, as a crescent's, slides along itself under one motion, which turns with the part, so that the others tell
-how far. Parts that lean are told from those that lie flat by how well they agree with the rest.
+how far. All of a kind that slide as far look like an image that taught them aslant: where the camera leans as it did then, the
+R of the image is that of the part as well, all have one scale, and nothing is left open. Parts that lean are told from those
+that lie flat by how well they agree with the rest.
 """
 
 from __future__ import annotations
@@ -25,10 +27,18 @@ BEND = math.tan(math.radians(35.0))
 """... and by how much it bends it at the border of an image that is 70 degrees wide, ..."""
 PART = 0.15
 """... of which a part fills so much."""
+NEARER = 0.05
+"""Share of the camera's distance by which a part that lies on others is nearer than they."""
 OF_IMAGE = np.array([STRETCH, STRETCH, BEND, BEND])
-"""Standard deviations of what rectifies an image, in units of half its longer side, ..."""
+"""Standard deviations of what rectifies an image, in units of half its width, ..."""
 OF_PART = np.array([STRETCH, STRETCH, PART * BEND, PART * BEND])
-"""... of what rectifies the image that taught a part, and of what a part leans, in units of half the part's size."""
+"""... of what rectifies the image that taught a part, in units of half the part's size, ..."""
+LEANING = np.append(OF_PART, NEARER)
+"""... and of what a part deviates that leans, the log of its scale among it."""
+SAME_TILT = 0.03
+"""Share of OF_PART that is left where both images are seen under one tilt: one degree of 45."""
+ANY_SCALE = 10.0
+"""Standard deviation of the log of a scale that is not known."""
 ANNEALED = (1.0, 0.3, 0.1, 0.03, 0.01, *[0.0] * 7)
 """Shares of what a part may lean that are taken for noise, round by round."""
 STEP = 1e-4
@@ -46,28 +56,57 @@ class PlanePose:
         G: (3, 3) work px -> px.
         P: (8, 8) covariance of its error, work px^2.
         size: (height, width) px of the image.
+        taught: (3, 3) from work px to the image that taught the part, in units of half its width about its middle, where that
+            was seen under the same tilt; None where nothing is known of it.
+
+    Attributes:
+        noise: (5,) variances of a deviation beside those of the pose's error: scales are compared under one tilt only.
     """
 
-    def __init__(self, kind: int, target: Target, G: Floats, P: Floats, size: tuple[int, ...]) -> None:
-        self.kind, self.P = kind, P
-        to_unit = _to_unit(size)
+    def __init__(
+        self, kind: int, target: Target, G: Floats, P: Floats, size: tuple[int, ...], taught: Floats | None = None
+    ) -> None:
+        self.kind, self.P, self.same_tilt = kind, P, taught is not None
+        self.noise = np.array([0.0, 0.0, 0.0, 0.0, 0.0 if self.same_tilt else 1.0])
         half, (x, y) = 0.5 * target.size, target.centre
+        part = np.array([[half, 0.0, x], [0.0, half, y], [0.0, 0.0, 1.0]])
+        self._taught = np.eye(3) if taught is None else taught @ part
         self._step = STEP * target.size
         ways = [G, *(target.handle.moved(G, d) for d in self._step * np.eye(8))]
-        self.ways: Floats = to_unit @ np.array(ways) @ np.array([[half, 0.0, x], [0.0, half, y], [0.0, 0.0, 1.0]])
+        self._ways: Floats = _to_unit(size) @ np.array(ways) @ part
 
-    def deviation(self, image: Floats, taught: Floats) -> tuple[Floats, Floats]:
-        """(4,) how unlike a similarity it is when both images are rectified so, and (4, 8) by the pose's error."""
-        told = _unlikeness(_rectifying(image) @ self.ways @ np.linalg.inv(_rectifying(taught)))
+    def deviation(self, image: Floats, own: Floats) -> tuple[Floats, Floats]:
+        """(5,) how unlike a similarity of a known scale it is, and (5, 8) by the pose's error.
+
+        Args:
+            image: (4,) what rectifies the image.
+            own: (5,) what rectifies that of the part, and the log of the scale.
+        """
+        told = self._deviations(image, own, self._ways)
         return told[0], (told[1:] - told[0]).T / self._step
 
-    def by_rectifying(self, image: Floats, taught: Floats, own: Floats) -> Floats:
-        """(4, 8) the derivatives of `own`, the deviation, by what rectifies the image and what rectifies that of the part."""
-        steps = STEP * np.eye(4)
-        images, parts = _rectifying(image + steps), np.linalg.inv(_rectifying(taught + steps))
-        base, seen = np.linalg.inv(_rectifying(taught)), _rectifying(image)
-        told = _unlikeness(np.concatenate([images @ self.ways[0] @ base, seen @ self.ways[0] @ parts]))
-        return np.asarray((told - own).T / STEP, dtype=np.float64)
+    def by_rectifying(self, image: Floats, own: Floats) -> Floats:
+        """(5, 9) the deviation's derivatives by what rectifies the image, and by each of `own`."""
+        steps, way = STEP * np.eye(9), self._ways[:1]
+        moved = self._deviations(image + steps[:, :4], own + steps[:, 4:], way) - self._deviations(image, own, way)
+        return np.asarray(moved.T / STEP)
+
+    def _deviations(self, image: Floats, own: Floats, ways: Floats) -> Floats:
+        """(n, 5) of each of some ways (n, 3, 3), or of one where the images are rectified by each of some numbers."""
+        found = _unlikeness(_rectifying(image) @ ways @ self._from_plane(image, own))
+        found[:, 4] = found[:, 4] - own[..., 4] if self.same_tilt else 0.0
+        return found
+
+    def _from_plane(self, image: Floats, own: Floats) -> Floats:
+        """(..., 3, 3) from the plane, about the part, to the part's image in units of half the part's size."""
+        R = _rectifying(own[..., :4])
+        if self.same_tilt:
+            seen = np.linalg.inv(self._taught) @ _rectifying(image) @ self._taught
+            seen = seen / seen[..., 2:, 2:]
+            about = np.zeros_like(seen) + np.eye(3)
+            about[..., :2, 2] = -seen[..., :2, 2]
+            R = R @ about @ seen
+        return np.asarray(np.linalg.inv(R))
 
 
 class CommonPlane:
@@ -79,9 +118,14 @@ class CommonPlane:
 
     def __init__(self, poses: Sequence[PlanePose]) -> None:
         self._poses, kinds = list(poses), sorted({p.kind for p in poses})
-        self._at = [slice(4 + 4 * kinds.index(p.kind), 8 + 4 * kinds.index(p.kind)) for p in poses]
-        self._prior = np.concatenate([OF_IMAGE, np.tile(OF_PART, len(kinds))]) ** -2.0
+        self._at = [slice(4 + 5 * kinds.index(p.kind), 9 + 5 * kinds.index(p.kind)) for p in poses]
+        tilts = {p.kind: SAME_TILT if p.same_tilt else 1.0 for p in poses}
+        own = [np.append(tilts[kind] * OF_PART, ANY_SCALE) for kind in kinds]
+        self._prior = np.concatenate([OF_IMAGE, *own]) ** -2.0
         self._x = np.zeros(len(self._prior))
+        for at in self._at:
+            alike = [p for p, other in zip(poses, self._at, strict=True) if other == at]
+            self._x[at.stop - 1] = np.median([p.deviation(np.zeros(4), np.zeros(5))[0][4] for p in alike])
         self._flat = 0.5
         self._terms: list[tuple[Floats, Floats]] = []
         for share in ANNEALED:
@@ -93,10 +137,10 @@ class CommonPlane:
         self._terms, flat = [], 0.0
         for pose, at in zip(self._poses, self._at, strict=True):
             told, by_pose = pose.deviation(self._x[:4], self._x[at])
-            own = pose.by_rectifying(self._x[:4], self._x[at], told)
-            D = np.zeros((4, len(self._x)))
+            own = pose.by_rectifying(self._x[:4], self._x[at])
+            D = np.zeros((5, len(self._x)))
             D[:, :4], D[:, at] = own[:, :4], own[:, 4:]
-            S = _spread(told, by_pose, pose.P) + np.diag((share * OF_PART) ** 2)
+            S = _spread(told, by_pose, pose.P) + np.diag(pose.noise + (share * LEANING) ** 2)
             weight = _flat_probability(told, S, self._flat)
             flat += weight
             by = weight * np.linalg.solve(S, D).T
@@ -131,21 +175,21 @@ class CommonPlane:
         return 1.0 - _flat_probability(told, _spread(told, by_pose, pose.P) + spread, self._flat)
 
     def _without(self, k: int, pose: PlanePose) -> tuple[Floats, Floats, Floats]:
-        """(4,) how far a pose of one part is from the others' plane, (4, 8) by its error, and (4, 4) how well they know it."""
+        """(5,) how far a pose of one part is from the others' plane, (5, 8) by its error, and (5, 5) how well they know it."""
         A = np.diag(self._prior) + sum(term[0] for i, term in enumerate(self._terms) if i != k)
         C = np.linalg.inv(A)
         x = self._x - C @ (self._terms[k][1])
-        image, taught = x[:4], x[self._at[k]]
-        told, by_pose = pose.deviation(image, taught)
-        own = pose.by_rectifying(image, taught, told)
-        D = np.zeros((4, len(x)))
-        D[:, :4], D[:, self._at[k]] = own[:, :4], own[:, 4:]
-        return told, by_pose, np.asarray(D @ C @ D.T)
+        image, own = x[:4], x[self._at[k]]
+        told, by_pose = pose.deviation(image, own)
+        by_plane = pose.by_rectifying(image, own)
+        D = np.zeros((5, len(x)))
+        D[:, :4], D[:, self._at[k]] = by_plane[:, :4], by_plane[:, 4:]
+        return told, by_pose, np.asarray(D @ C @ D.T) + np.diag(pose.noise)
 
 
 def _to_unit(size: tuple[int, ...]) -> Floats:
-    """(3, 3) from px of an image, (height, width), to half its longer side about its middle."""
-    return np.array([[1.0, 0.0, -0.5 * size[1]], [0.0, 1.0, -0.5 * size[0]], [0.0, 0.0, 0.5 * max(size[:2])]])
+    """(3, 3) from px of an image, (height, width), to half its width about its middle."""
+    return np.array([[1.0, 0.0, -0.5 * size[1]], [0.0, 1.0, -0.5 * size[0]], [0.0, 0.0, 0.5 * size[1]]])
 
 
 def _rectifying(x: Floats) -> Floats:
@@ -154,26 +198,27 @@ def _rectifying(x: Floats) -> Floats:
 
 
 def _unlikeness(S: Floats) -> Floats:
-    """(n, 4) how homographies (n, 3, 3) stretch and bend what lies about the origin; 0 of a similarity."""
+    """(n, 5) how homographies (n, 3, 3) stretch and bend what lies about the origin, 0 of a similarity, and the log of their
+    scale there."""
     S = S / S[:, 2:, 2:]
     J = S[:, :2, :2] - S[:, :2, 2:] * S[:, 2:, :2]
     alike = J[:, 0, 0] + J[:, 1, 1] + 1j * (J[:, 1, 0] - J[:, 0, 1])
     stretch = (J[:, 0, 0] - J[:, 1, 1] + 1j * (J[:, 1, 0] + J[:, 0, 1])) / alike
-    return np.column_stack([stretch.real, stretch.imag, S[:, 2, :2]])
+    return np.column_stack([stretch.real, stretch.imag, S[:, 2, :2], np.log(0.5 * np.abs(alike))])
 
 
 def _spread(told: Floats, by_pose: Floats, P: Floats) -> Floats:
-    """(4, 4) covariance of a deviation (4,) of a pose known with P (8, 8): what is linear in its error leaves out a square.
+    """(5, 5) covariance of a deviation (5,) of a pose known with P (8, 8): what is linear in its error leaves out a square.
 
     That error is no larger than what deviates, nor than P lets it be.
     """
     linear = by_pose @ P @ by_pose.T
-    return np.asarray(linear + min(float(told @ told), float(np.trace(linear))) ** 2 * np.eye(4))
+    return np.asarray(linear + min(float(told @ told), float(np.trace(linear))) ** 2 * np.eye(5))
 
 
 def _flat_probability(told: Floats, S: Floats, share: float) -> float:
-    """Probability that what deviates from a plane by so much (4,), known with covariance S (4, 4), lies in it."""
+    """Probability that what deviates from a plane by so much (5,), known with covariance S (5, 5), lies in it."""
     odds = math.log(share / (1.0 - share))
-    for sign, covariance in ((1.0, S), (-1.0, S + np.diag(OF_PART**2))):
+    for sign, covariance in ((1.0, S), (-1.0, S + np.diag(LEANING**2))):
         odds -= 0.5 * sign * (float(told @ np.linalg.solve(covariance, told)) + float(np.linalg.slogdet(covariance)[1]))
     return 1.0 / (1.0 + math.exp(min(-odds, MAX_EXPONENT)))

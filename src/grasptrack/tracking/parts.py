@@ -56,6 +56,9 @@ class KnownPart:
         origin: px of the piece, width and middle (x, y) of the first image: from where it was seen. None: from above.
         face_up: it never lies turned over, so that what is nearly its own mirror image is not refused for that;
             `dataclasses.replace` says so.
+        same_tilt: the camera that looks for it leans against its plane as the one did that taught it, within a degree, from
+            any height: it is fixed, or a hand holds it alike. Then outlines that slide along themselves, as an ellipse's, are
+            known more exactly. `dataclasses.replace` says so; no file keeps it.
     """
 
     name: str
@@ -68,6 +71,7 @@ class KnownPart:
     px_per_mm: float = math.nan
     face_up: bool = False
     origin: tuple[float, float, float] | None = None
+    same_tilt: bool = False
 
     @classmethod
     @arguments.checked(image=arguments.array(unbounded=True), friction=arguments.number)
@@ -221,7 +225,7 @@ def as_parts(given: KnownPart | ArrayLike | Sequence[KnownPart]) -> list[KnownPa
     """One part, or several of different names, as a list.
 
     Raises:
-        InputError: none, something else, or two of one name.
+        InputError: none, something else, two of one name, or one under the tilt of an image of which too little is known.
     """
     listed = [given] if isinstance(given, KnownPart) else list(given) if isinstance(given, Sequence) else []
     if not listed or not all(isinstance(part, KnownPart) for part in listed):
@@ -230,4 +234,8 @@ def as_parts(given: KnownPart | ArrayLike | Sequence[KnownPart]) -> list[KnownPa
     again = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if again is not None:
         raise InputError(f'two parts have the name "{again}": give one of them another', name=again)
-    return [part for part in listed if isinstance(part, KnownPart)]
+    parts = [part for part in listed if isinstance(part, KnownPart)]
+    from_nowhere = next((part.name for part in parts if part.same_tilt and part.origin is None), None)
+    if from_nowhere is not None:
+        raise InputError(f'where the part "{from_nowhere}" was seen is not known, nor under which tilt: teach it anew')
+    return parts
