@@ -296,7 +296,7 @@ def test_what_is_no_json_object_is_refused(text: str | bytes) -> None:
         ('{"do": "start", "x": 1}', "has no"),
         ('{"do": "friction", "value": 0}', "positive"),
         ('{"do": "fingers", "count": 4}', "2 or 3"),
-        ('{"do": "choose", "number": 0}', "1 to 3"),
+        ('{"do": "choose", "number": 0}', "numbered from 1"),
         ('{"do": "contacts", "image": 1, "points": [[1, 2]]}', "2 to 8"),
         ('{"do": "outline", "image": 1, "points": [[1, 2], [3]]}', "points"),
         ('{"do": "wire", "image": 1, "step": "jump"}', "one of add"),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from grasptrack.io.publishing import ResultPublisher
+    from grasptrack.live.loop import SessionLoop
     from grasptrack.live.state import Shown
     from grasptrack.tracking.result import TrackResult
 
@@ -38,6 +39,7 @@ def live(
     hand: options.HandSize,
     known: options.KnownGeometry,
     images: options.SourceOptions,
+    scene: options.PartsOptions,
     start: bool = option_or(
         False, PAGE, None, "Follow the likeliest object of the first image without asking.", "--start"
     ),
@@ -67,6 +69,9 @@ def live(
     two or three clicks give contacts, and Start follows them. Files are played at their own rate; of a camera the newest image
     counts.
 
+    With --part FILE --all every instance of parts on file is followed; one of them, which a click or its number chooses, has
+    the figures.
+
     Serves this machine alone; with --host others too. Who has the address that is printed, with its token, may look on and
     steer.
 
@@ -79,6 +84,7 @@ def live(
       grasptrack live photos --fps 10 --port 0
       grasptrack live camera:0 --host 0.0.0.0 --output run
       grasptrack live sim:spanner --servo servo.toml
+      grasptrack live camera:0 --part flange.part --all
     """
     if name is not None and not re.fullmatch(r"[\w.-]{1,253}|[\da-f.]*(:[\da-f.]*){2,7}", name, re.A | re.I):
         raise InputError("--name is the name or address of a machine, such as robot.local, without http:// or a port")
@@ -86,6 +92,14 @@ def live(
     asked = {**as_asked(grasp, hand, images, known), **first.as_written(), "start": start, "record_as": record_as}
     asked |= {"publish": publish, "servo": servo}
     grasp.finger_count(at_most_three=True)
+    if scene.has_parts():
+        scene.refuse_unsuited(grasp, first, hand, known)
+        given = {"--servo": servo, "--publish": publish, "--start": start or None}
+        given["--record-as"] = None if record_as == "mp4" else record_as
+        unsuited = next((name for name, value in given.items() if value is not None), None)
+        if unsuited:
+            raise InputError(f"{unsuited} is for following one object: leave it out, or --all")
+        asked |= {"parts": scene.part, "look_every": scene.look_every, "same_tilt": scene.same_tilt}
     said = first.first_image(grasp.given_contacts())
     settings = first_image.tracker_settings(grasp, first, hand, known)
     from grasptrack.plugins import import_extra
@@ -94,28 +108,47 @@ def live(
         import_extra(module, "live", "the live page")
     from grasptrack.files import hold_folder, keep_inputs
     from grasptrack.io.arms import open_arm
+    from grasptrack.io.parts import load_parts, part_files
     from grasptrack.io.recording import try_recorder
     from grasptrack.io.run import FILES
     from grasptrack.io.sources import open_source
+    from grasptrack.live.scene_session import SceneSession
     from grasptrack.live.server import PageServer, bind_socket
     from grasptrack.live.servo_desk import ServoDesk
     from grasptrack.live.session import LiveSession
+    from grasptrack.live.settings import SceneSettings
     from grasptrack.servo.setup import ServoSetup
 
     if record_as != "mp4":
         try_recorder(f".{record_as}")
     setup = None if servo is None else ServoSetup.load(servo)
     frames = open_source(source, images.fps, settings=images.camera_settings())
-    keep_inputs((output / name for name in FILES), [*frames.files, *first.files()])
+    files = part_files(scene.part or [])
+    keep_inputs((output / name for name in FILES), [*frames.files, *first.files(), *files])
     said = first.with_images(said)
     settings.make_tracker(said)  # what does not go together is told before anything is served
+    parts, belt = load_parts(files, same_tilt=scene.same_tilt), first_image.parse_belt(known.belt)
+    many = SceneSettings(parts, grasp.risk, said.ignore, belt, scene.look_every) if parts else None
+    if many is not None:
+        many.make_tracker()
     desk = None if setup is None else ServoDesk(setup, open_arm(setup.arm, frames))
     publisher = options.open_publisher(publish, quiet)
     listener = bind_socket(host, port)  # before anything in the folder is replaced
     with hold_folder(output), Interruption() as interruption:
-        session = LiveSession(
-            frames, settings, output, meant=said, at_once=start, options=asked, record_as=f".{record_as}", servo=desk
-        )
+        session: SessionLoop
+        if many is not None:
+            session = SceneSession(frames, many, output, options=asked)
+        else:
+            session = LiveSession(
+                frames,
+                settings,
+                output,
+                meant=said,
+                at_once=start,
+                options=asked,
+                record_as=f".{record_as}",
+                servo=desk,
+            )
         if publisher is not None:
             session.add_listener(publish_moments(publisher))
         server = PageServer(session, host, name=name, listener=listener)

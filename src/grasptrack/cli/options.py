@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -241,6 +241,19 @@ class PartsOptions:
         if self.look_every is not None and not 0.0 < self.look_every < math.inf:
             raise InputError(f"--look-every must be a positive number of seconds, not {self.look_every:g}")
         return self.all_parts
+
+    def refuse_unsuited(self, *groups: Any) -> None:
+        """See that nothing is asked for that --all has no use for.
+
+        Raises:
+            InputError: something is; it is named.
+        """
+        suited = ("risk", "ignore", "belt", "jsonl", "outline_in_jsonl")
+        for each in (each for group in groups for each in fields(group)):
+            value = next(getattr(group, each.name) for group in groups if hasattr(group, each.name))
+            if each.name not in suited and value != each.default:
+                name = {"object_at": "object", "next_object": "next", "mask": "masks"}.get(each.name, each.name)
+                raise InputError(f"--{name.replace('_', '-')} is for following one object: leave it out, or --all")
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -113,7 +113,7 @@ def track(
         _track_each(videos, output, quiet, partial(track, **given))
         return
     if scene.has_parts():
-        _refuse_unsuited(grasp, first, hand, known, recording)
+        scene.refuse_unsuited(grasp, first, hand, known, recording)
         if publish is not None:
             raise InputError("--publish is for following one object: leave it out, or --all")
         reading = (source, images, start)
@@ -200,16 +200,6 @@ def track(
     notes += advice_for(summary.codes, summary.frames)
     if not quiet:
         show_run(summary, output, notes)
-
-
-def _refuse_unsuited(*groups: Any) -> None:
-    """See that nothing is asked for that --all has no use for; an InputError names what is."""
-    suited = ("risk", "ignore", "belt", "jsonl", "outline_in_jsonl")
-    for each in (each for group in groups for each in fields(group)):
-        value = next(getattr(group, each.name) for group in groups if hasattr(group, each.name))
-        if each.name not in suited and value != each.default:
-            name = {"object_at": "object", "next_object": "next", "mask": "masks"}.get(each.name, each.name)
-            raise InputError(f"--{name.replace('_', '-')} is for following one object: leave it out, or --all")
 
 
 def _track_scene(

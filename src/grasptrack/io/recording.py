@@ -208,13 +208,13 @@ class WriterThread:
         self.written = self.dropped = 0
         self.error: Exception | None = None
         self._changed = threading.Condition()
-        self._waiting: deque[tuple[Frame, TrackResult]] = deque()
+        self._waiting: deque[tuple[Frame, Any]] = deque()
         self._ending = False
         self._thread = threading.Thread(target=self._write_and_close, name="grasptrack-recorder", daemon=True)
         self._thread.start()
 
-    def add(self, frame: Frame, result: TrackResult) -> None:
-        """Have one image written. What comes after the end, or after an error, is left out."""
+    def add(self, frame: Frame, result: Any) -> None:
+        """Have one image written, with what its recording takes. What comes after the end, or after an error, is left out."""
         most = most_held(frame.image)
         with self._changed:
             self._changed.wait_for(lambda: self._ending or not self._waits or len(self._waiting) < most)

@@ -69,7 +69,7 @@ class Outline:
 
 @dataclass(frozen=True)
 class Choose:
-    """One of the numbered candidates, from 1."""
+    """One of the numbered candidates, or parts, from 1."""
 
     number: int
 
@@ -254,8 +254,8 @@ def _check_ranges(command: Command) -> None:
         raise InputError(f"a file is played {SLOWEST:g} to {FASTEST:g} times as fast, not {command.factor:g}")
     if isinstance(command, Fingers) and command.count not in (2, 3):
         raise InputError(f"grasps are chosen for 2 or 3 fingers, not {command.count}")
-    if isinstance(command, Choose) and command.number not in (1, 2, 3):
-        raise InputError(f"candidates are numbered 1 to 3, not {command.number}")
+    if isinstance(command, Choose) and command.number < 1:
+        raise InputError(f"candidates and parts are numbered from 1, not {command.number}")
 
 
 def _parse_value(value: Any, wanted: Any, name: str) -> Any:

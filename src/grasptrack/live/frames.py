@@ -24,6 +24,7 @@ from grasptrack.presentation import format_confidence
 from grasptrack.segmentation.candidate import describe_candidate
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.scene import SceneResult
 from grasptrack.typing import Floats
 from grasptrack.view.draw import cone_length, friction_cones
 
@@ -72,6 +73,8 @@ def moment_to_json(shown: Shown) -> bytes:
         "figures": _figure_entries(shown),
         "result": None if shown.result is None else _result_entry(shown.result),
         "ghost": _ghost_entry(shown),
+        "parts": [] if shown.scene is None else _part_entries(shown.scene),
+        "chosen": shown.chosen,
         "sure": shown.proposal is not None and shown.proposal.is_sure(shown.meant.sure),
         "candidates": [] if shown.proposal is None else _candidate_entries(shown.proposal),
         "verdict": told and {"level": told.level, "expectation": told.expectation, "reasons": told.reasons},
@@ -171,6 +174,20 @@ def _result_entry(result: TrackResult) -> dict[str, Any]:
         entry["seen"] = None if result.seen is None else result.seen.tolist()
         entry["cones"] = [_line(cone) for cone in friction_cones(result, cone_length(result.contacts, 1.0))]
     return entry
+
+
+def _part_entries(scene: SceneResult) -> list[dict[str, Any]]:
+    """Of each part its number, name, status, why it is not located, and where it is seen."""
+    return [
+        {
+            "number": number,
+            "name": result.part_id,
+            "status": result.status,
+            "why": result.reason,
+            "outline": _line(None if result.view is None else result.view.outer.points),
+        }
+        for number, result in scene.results.items()
+    ]
 
 
 def _candidate_entries(proposal: Proposal) -> list[dict[str, Any]]:

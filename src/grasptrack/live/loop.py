@@ -11,18 +11,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.files import keep_inputs
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.recording import Recording, WriterThread, create_recording
 from grasptrack.io.results import RunSummary
 from grasptrack.io.run import FILES, Run, prepare_output
 from grasptrack.io.video import VideoWriter
+from grasptrack.live import commands as told
 from grasptrack.live.advisor import Advisor
-from grasptrack.live.commands import Command
-from grasptrack.live.inbox import Inbox, KeptImages, Player
+from grasptrack.live.inbox import Arrival, Ended, Inbox, KeptImages, Player
+from grasptrack.live.servo_desk import ServoDesk
 from grasptrack.live.state import Curves, Shown
 from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.scene import SceneResult
 from grasptrack.view.draw import draw_overlay
+from grasptrack.view.instances import draw_scene
 
 VIDEO = ".mp4"
 
@@ -34,9 +38,12 @@ class OverlayVideo:
         self.path = path
         self._writer = VideoWriter(path, fps)
 
-    def write(self, frame: Frame, result: TrackResult) -> None:
-        """Add one image with what is known of it."""
-        self._writer.write(draw_overlay(frame.image, result, number=frame.index))
+    def write(self, frame: Frame, result: TrackResult | SceneResult) -> None:
+        """Add one image with what is known of it, or of each part."""
+        if isinstance(result, SceneResult):
+            self._writer.write(draw_scene(frame.image, result))
+        else:
+            self._writer.write(draw_overlay(frame.image, result, number=frame.index))
 
     def close(self) -> None:
         """Make the file whole."""
@@ -81,7 +88,7 @@ class Recordings:
         self._count += 1
         self._present = WriterThread(recording, waits=self._waits, ended=self._ended)
 
-    def add(self, frame: Frame, result: TrackResult, options: Callable[[], str]) -> None:
+    def add(self, frame: Frame, result: TrackResult | SceneResult, options: Callable[[], str]) -> None:
         """Have one image written, where one is going on; `options` gives what a recording that begins with it keeps."""
         if self._present is not None:
             if not self._how:
@@ -135,10 +142,19 @@ class SessionLoop(ABC):
         fingers: contacts that grasps.csv has columns for.
         shown: the moment before the first.
 
+        scene: every part is followed, and grasps.csv has the columns for that.
+
     Attributes:
         curves: of the last images.
         summary: of the run, once it has ended; None where it could not be written.
+        servo: moves an arm by what is followed; None moves none.
+        can_hover: a segmenter answers a pointer that hovers.
+        has_parts: parts on file are followed, one of them chosen.
     """
+
+    servo: ServoDesk | None = None
+    can_hover = False
+    has_parts = False
 
     def __init__(
         self,
@@ -153,7 +169,7 @@ class SessionLoop(ABC):
         keep_inputs((output / name for name in FILES), source.files)
         prepare_output(output)
         self._source, self._output, self._pace = source, output, pace
-        self._run = Run(output, fingers, source, False, dict(options))
+        self._run = Run(output, fingers, source, False, dict(options), scene=self.has_parts)
         self._files = list(FILES[:2])
         self._inbox = Inbox()
         self._listeners: list[Listener] = []
@@ -171,6 +187,8 @@ class SessionLoop(ABC):
         self._ended = False
         self._images = 0
         self._first_image = 0  # of the present playing
+        self._recorded = 0  # number of the last image with a row
+        self._steps = 0  # images that are taken although paused
         self._kept = KeptImages()
         self.curves = Curves()
         self._shown = shown
@@ -203,7 +221,7 @@ class SessionLoop(ABC):
 
         return remove_listener
 
-    def send_command(self, command: Command) -> None:
+    def send_command(self, command: told.Command) -> None:
         """Say something; what cannot be done is told in `Shown.notice`."""
         self._inbox.tell(command)
 
@@ -270,13 +288,67 @@ class SessionLoop(ABC):
                 self._set_shown(phase="failed", notice=self._note(line))
 
     @property
-    @abstractmethod
     def _wants_image(self) -> bool:
         """Whether the next image is to be taken."""
+        return self._shown.phase in ("opening", "tracking") and (self._steps > 0 or not self._shown.paused)
 
-    @abstractmethod
     def _handle_input(self, what: Any) -> None:
         """What came: an image, a helper's answer, or a person's word."""
+        if isinstance(what, (Arrival, Ended)):
+            if what.run != self._playing:
+                return  # of a playing that was given up
+            if isinstance(what, Ended):
+                self._on_end(what)
+            else:
+                self._images += 1
+                self._steps = max(self._steps - 1, 0)
+                arrival = replace(what, frame=replace(what.frame, index=self._images - 1))
+                self._kept.add(self._images, arrival)
+                self._look_at(self._images, arrival)
+        elif isinstance(what, WriterThread):
+            self._on_recorded(what)
+        elif not self._take_answer(what):
+            try:
+                self._obey_command(what)
+            except GraspTrackError as error:
+                self._set_shown(notice=self._note(str(error)))
+
+    @abstractmethod
+    def _look_at(self, image: int, arrival: Arrival) -> None:
+        """The next image, with its number."""
+
+    @abstractmethod
+    def _on_end(self, end: Ended) -> None:
+        """The present playing has no more images."""
+
+    def _take_answer(self, what: Any) -> bool:
+        """Take what a helper answered; False where it is none."""
+        return False
+
+    def _obey_command(self, command: told.Command) -> None:
+        """Do what a person said.
+
+        Raises:
+            GraspTrackError: it cannot be done.
+        """
+        match command:
+            case told.Pause(paused):
+                if self._source.live:
+                    self._inbox.newest_only()
+                self._steps = 0
+                self._set_shown(paused=paused)
+            case told.Forward():
+                if not self._shown.paused:
+                    raise InputError("pause first: a step is for an image that stands")
+                self._steps += 1
+            case told.Tempo(factor):
+                if self._player is not None:
+                    self._player.speed = factor
+                self._set_shown(speed=factor)
+            case told.Record(on):
+                self._toggle_recording(on)
+            case _:
+                raise InputError(f"{type(command).__name__.lower()} is not for following parts on file")
 
     def _start_player(self) -> None:
         """Read the source from its start."""

@@ -35,8 +35,8 @@ from grasptrack.errors import InputError
 from grasptrack.live.commands import LARGEST, Keep, Press, Release, command_of, hold_command_of, parse_message
 from grasptrack.live.frames import Painter
 from grasptrack.live.guard import TAKEN_AT_ONCE, Door, Guard
+from grasptrack.live.loop import SessionLoop
 from grasptrack.live.servo_desk import ServoDesk
-from grasptrack.live.session import LiveSession
 from grasptrack.live.state import CurvePoint, Shown
 
 _SCRIPTS = ("app", "connection", "picture", "servo", "tools", "charts")
@@ -84,7 +84,7 @@ class PageServer:
 
     def __init__(
         self,
-        session: LiveSession,
+        session: SessionLoop,
         host: str = "127.0.0.1",
         port: int = 0,
         token: str | None = None,
@@ -144,7 +144,7 @@ class PageServer:
 class Hub:
     """Wakes browsers' senders when there is something new, and costs nothing where nobody looks on."""
 
-    def __init__(self, session: LiveSession) -> None:
+    def __init__(self, session: SessionLoop) -> None:
         self.session = session
         self.clients = 0
         self.round_trips: deque[float] = deque(maxlen=4096)
@@ -204,7 +204,7 @@ class Hub:
             event.set()
 
 
-def make_application(session: LiveSession, hub: Hub) -> Starlette:
+def make_application(session: SessionLoop, hub: Hub) -> Starlette:
     """The page, the run's files and the WebSocket, unguarded."""
     parts = {name: (files("grasptrack.live") / "page" / name).read_bytes() for name in PAGE}
 
@@ -298,7 +298,7 @@ class Talk(ABC):
 class Conversation(Talk):
     """The newest moments go out, commands come in."""
 
-    def __init__(self, socket: WebSocket, session: LiveSession, hub: Hub) -> None:
+    def __init__(self, socket: WebSocket, session: SessionLoop, hub: Hub) -> None:
         super().__init__(socket)
         self._session, self._hub = session, hub
         self._sent: dict[int, Shown | None] = {}  # what is not drawn yet; None where the image is an old one
@@ -308,6 +308,7 @@ class Conversation(Talk):
         number, image, charted = 0, 0, 0
         session = self._session
         hello = {"hover": session.can_hover, "source": session.source_name, "servo": session.servo is not None}
+        hello["parts"] = session.has_parts
         await self._socket.send_text(json.dumps({"hello": hello}))
         while True:
             shown = await self._hub.next_moment(number)

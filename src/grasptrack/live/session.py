@@ -18,7 +18,7 @@ from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.first_image import FirstImage
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.io.base import Source
-from grasptrack.io.recording import WriterThread, tracking_options
+from grasptrack.io.recording import tracking_options
 from grasptrack.io.results import RunSummary
 from grasptrack.live import commands as told
 from grasptrack.live.advisor import (
@@ -80,6 +80,7 @@ class LiveSession(SessionLoop):
         servo: ServoDesk | None = None,
     ) -> None:
         self._settings = replace(settings, segmenter=shared_segmenter(settings.segmenter))
+        self.can_hover = settings.segmenter is not None
         self._options = dict(options or {})
         self._first_meant, self._at_once = meant or FirstImage(), at_once
         self._nothing_meant = self._first_meant.of_no_object()
@@ -91,11 +92,9 @@ class LiveSession(SessionLoop):
         self._desk = WireDesk()
         self._tracker: GraspTracker | None = None
         self._grasps_before, self._grasps = 0, 0
-        self._recorded = 0  # number of the last image with a row
         self._question = 0
         self._chosen_in = 0  # number of the image in which the object was chosen
         self._follow_when_ready = False
-        self._steps = 0  # images that are taken although paused
 
     def start(self) -> None:
         """Begin, in threads of its own."""
@@ -110,53 +109,29 @@ class LiveSession(SessionLoop):
             self.servo.stop()
         return super().stop()
 
-    @property
-    def can_hover(self) -> bool:
-        """Whether a segmenter answers a pointer that hovers."""
-        return self._settings.segmenter is not None
-
-    @property
-    def _wants_image(self) -> bool:
-        return self._shown.phase in ("opening", "tracking") and (self._steps > 0 or not self._shown.paused)
-
-    def _handle_input(self, what: Any) -> None:
-        """What came: an image, a helper's answer, or a person's word."""
-        if isinstance(what, Arrival):
-            self._look_at(what)
-        elif isinstance(what, Ended):
-            self._on_end(what)
-        elif isinstance(what, Proposal):
-            self._on_proposal(what)
-        elif isinstance(what, Verdict):
-            if what.question == self._question:
-                self._set_shown(verdict=what)
-        elif isinstance(what, WireState):
-            self._set_shown(wire=what, notice=self._note(what.error) if what.error else self._shown.notice)
-        elif isinstance(what, HoverOutline):
-            self._set_shown(hover=what)
-        elif isinstance(what, ServoMoment):
-            self._set_shown(servo=what)
-        elif isinstance(what, WriterThread):
-            self._on_recorded(what)
-        elif isinstance(what, Failure):
-            looking = self._shown.phase == "looking"
-            self._set_shown(phase="choosing" if looking else self._shown.phase, notice=self._note(what.line))
-        else:
-            try:
-                self._obey_command(what)
-            except GraspTrackError as error:
-                self._set_shown(notice=self._note(str(error)))
+    def _take_answer(self, what: Any) -> bool:
+        match what:
+            case Proposal():
+                self._on_proposal(what)
+            case Verdict():
+                if what.question == self._question:
+                    self._set_shown(verdict=what)
+            case WireState():
+                self._set_shown(wire=what, notice=self._note(what.error) if what.error else self._shown.notice)
+            case HoverOutline():
+                self._set_shown(hover=what)
+            case ServoMoment():
+                self._set_shown(servo=what)
+            case Failure():
+                looking = self._shown.phase == "looking"
+                self._set_shown(phase="choosing" if looking else self._shown.phase, notice=self._note(what.line))
+            case _:
+                return False
+        return True
 
     # --- images ----------------------------------------------------------------------------------
 
-    def _look_at(self, arrival: Arrival) -> None:
-        if arrival.run != self._playing:
-            return
-        self._images += 1
-        self._steps = max(self._steps - 1, 0)
-        image = self._images
-        arrival = replace(arrival, frame=replace(arrival.frame, index=image - 1))
-        self._kept.add(image, arrival)
+    def _look_at(self, image: int, arrival: Arrival) -> None:
         if self._tracker is None:
             is_first = image == self._first_image
             meant = self._first_meant if is_first else self._nothing_meant
@@ -190,8 +165,6 @@ class LiveSession(SessionLoop):
         return tracking_options({**self._options, **self._settings.tracking_options(self._shown.meant), "sure": 0})
 
     def _on_end(self, end: Ended) -> None:
-        if end.run != self._playing:
-            return
         self._over = True
         if end.error:
             self._tracker, self._question = None, self._question + 1  # what is being looked for comes too late
@@ -262,19 +235,6 @@ class LiveSession(SessionLoop):
                 self._choose_candidate(number)
             case told.Start():
                 self._start_tracking()
-            case told.Pause(paused):
-                if self._source.live:
-                    self._inbox.newest_only()
-                self._steps = 0
-                self._set_shown(paused=paused)
-            case told.Forward():
-                if not self._shown.paused:
-                    raise InputError("pause first: a step is for an image that stands")
-                self._steps += 1
-            case told.Tempo(factor):
-                if self._player is not None:
-                    self._player.speed = factor
-                self._set_shown(speed=factor)
             case told.Restart():
                 self._restart_source()
             case told.Rechoose():
@@ -301,8 +261,8 @@ class LiveSession(SessionLoop):
                 if self.servo is None:
                     raise InputError("there is no servo: grasptrack live takes one with --servo")
                 self.servo.begin_anew()
-            case told.Record(on):
-                self._toggle_recording(on)
+            case _:
+                super()._obey_command(command)
 
     def _set_goal(self, goal: Goal) -> None:
         goal.save(self._output / GOAL)

@@ -16,6 +16,8 @@ from grasptrack.io.recording import points_text
 from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter
 from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.numbers import DEFAULT_RISK
+from grasptrack.tracking.parts import KnownPart
+from grasptrack.tracking.scene import SceneTracker
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Pixels
 
@@ -83,3 +85,23 @@ class TurnTaking:
 def shared_segmenter(segmenter: Segmenter | None) -> Segmenter | None:
     """A segmenter that two threads may ask. A user's own segmentation stays what it is: trackers know it by its type."""
     return segmenter if segmenter is None or isinstance(segmenter, OneMask) else TurnTaking(segmenter)
+
+
+@dataclass(frozen=True)
+class SceneSettings:
+    """How a session follows parts; the attributes are those of `SceneTracker`, and mean the same."""
+
+    parts: Sequence[KnownPart]
+    risk: float = DEFAULT_RISK
+    ignore: Pixels | None = None
+    belt: tuple[float, float] | None = None
+    look_every: float | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """Of the parts."""
+        return [f'"{part.name}"' for part in self.parts]
+
+    def make_tracker(self) -> SceneTracker:
+        """A tracker that has seen no image."""
+        return SceneTracker(**vars(self))

@@ -17,6 +17,7 @@ from grasptrack.live.inbox import Arrival
 from grasptrack.presentation import REMEDIES, plain_value
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.scene import SceneResult
 from grasptrack.typing import Status
 
 Phase = Literal["opening", "looking", "choosing", "tracking", "ended", "failed"]
@@ -71,6 +72,8 @@ class Shown:
         count: images of a file, where known.
         speed: times as fast as its own rate that a file is played.
         servo: of the arm; None where there is none.
+        scene: what is told of every part, where parts on file are followed.
+        chosen: id of the one of them that `result` is of; None where none is chosen.
     """
 
     number: int = 0
@@ -97,6 +100,8 @@ class Shown:
     count: int | None = None
     speed: float = 1.0
     servo: ServoMoment | None = None
+    scene: SceneResult | None = None
+    chosen: int | None = None
 
 
 class Headline(NamedTuple):
@@ -129,11 +134,15 @@ def headline_of(shown: Shown) -> Headline:
     told = (result.reason or SENTENCES[code]) if result and code else ""
     remedy = re.sub(OPTIONS, "", REMEDIES.get(code, ""))
     if shown.phase == "looking":
-        return Headline("Looking", "searching", "for the object in this image")
+        return Headline("Looking", "searching", "for what is meant in this image")
     if shown.phase == "choosing":
         return _question_of(shown, told, remedy)
     if shown.phase == "failed":
         return Headline("Broken off", "lost", shown.notice[1])
+    if shown.scene is not None and result is None:
+        return Headline(
+            "Which part?", "searching", "the one that was chosen has left", "click another one, or take its number"
+        )
     if result is None:
         waits = shown.phase == "opening"
         return Headline(
