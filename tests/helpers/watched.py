@@ -11,14 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from grasptrack import Part, first_look, synthesize
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image, Source
 from grasptrack.io.sources import open_source
 from grasptrack.live import commands as told
+from grasptrack.live.loop import SessionLoop
+from grasptrack.live.scene_session import SceneSession
 from grasptrack.live.session import LiveSession
-from grasptrack.live.settings import Settings
+from grasptrack.live.settings import SceneSettings, Settings
 from grasptrack.live.state import Shown
 from recordings import plate, plates
+from scenery import L_PLATE, drawn
 
 PATIENCE = 40.0
 """s; machines that run tests are slow now and then, and no test passes by waiting."""
@@ -81,7 +85,7 @@ def plate_session(folder: Path, count: int = 12, **more: Any) -> Any:
     return session_on(open_source(plates(folder / "in", count), fps=25.0), folder / "run", **more)
 
 
-def reached(session: LiveSession, phase: str, **more: Any) -> Shown:
+def reached(session: SessionLoop, phase: str, **more: Any) -> Shown:
     """The moment in which a session is in a phase, with other attributes as given."""
 
     def wanted(shown: Shown) -> bool:
@@ -91,7 +95,7 @@ def reached(session: LiveSession, phase: str, **more: Any) -> Shown:
     return session.shown
 
 
-def until(session: LiveSession, wanted: Any) -> Shown:
+def until(session: SessionLoop, wanted: Any) -> Shown:
     """The moment that is as wanted."""
     assert session.wait_for(wanted, PATIENCE), f"{session.shown.phase}, {session.shown.notice}"
     return session.shown
@@ -101,6 +105,42 @@ def two_plates(size: tuple[int, int] = (240, 480)) -> np.ndarray:
     """Two equal plates side by side: which is meant cannot be known."""
     one, other = plate((130.0, 120.0), 0.2, size), plate((350.0, 120.0), 0.2, size)
     return np.asarray(np.minimum(one, other))
+
+
+PLACES = ((130.0, 120.0), (420.0, 330.0))
+"""px, of two parts."""
+
+
+def ell_part() -> Part:
+    """A part as an image of it alone teaches it."""
+    image = drawn(L_PLATE, centres=((160.0, 120.0),), angle=0.0, seed=7)
+    view = first_look(image)[0].view
+    return Part.of(image, view, synthesize(view, 2, top=1), name="ell")
+
+
+def tray(*places: tuple[float, float]) -> np.ndarray:
+    """(H, W) a part at each place."""
+    return drawn(*[L_PLATE] * len(places), centres=places, angle=0.0, size=(480, 640), contrast=85.0, noise=2.0, seed=3)
+
+
+def shifted(k: int) -> np.ndarray:
+    """Two parts that move by a few px from image to image."""
+    return tray(*((x + 2.0 * k, y + k) for x, y in PLACES))
+
+
+@contextmanager
+def scene_on(output: Path, *images: np.ndarray) -> Iterator[tuple[SceneSession, FedCamera]]:
+    """A session on a camera that has given images."""
+    camera = FedCamera()
+    for image in images:
+        camera.images.put(image)
+    session = SceneSession(camera, SceneSettings([ell_part()]), output, pace=False)
+    session.start()
+    try:
+        yield session, camera
+    finally:
+        camera.images.put(None)
+        session.stop()
 
 
 def threads_left(before: set[str]) -> set[str]:

@@ -16,7 +16,7 @@ from grasptrack import Goal
 from grasptrack.demo import demo_scene
 from grasptrack.live import commands as told
 from recordings import plate
-from watched import FedCamera, plate_session, reached, session_on, two_plates, until
+from watched import FedCamera, plate_session, reached, scene_on, session_on, shifted, two_plates, until
 
 pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
@@ -27,8 +27,8 @@ from selenium.webdriver.common.actions.wheel_input import ScrollOrigin  # noqa: 
 from selenium.webdriver.common.by import By  # noqa: E402
 from selenium.webdriver.common.keys import Keys  # noqa: E402
 
+from grasptrack.live.loop import SessionLoop  # noqa: E402
 from grasptrack.live.server import PageServer  # noqa: E402
-from grasptrack.live.session import LiveSession  # noqa: E402
 
 pytestmark = pytest.mark.slow
 PATIENCE = 30.0
@@ -91,7 +91,7 @@ class Page:
 
 
 @contextmanager
-def page_on(session: LiveSession, folder: Path, **more: Any) -> Iterator[Page]:
+def page_on(session: SessionLoop, folder: Path, **more: Any) -> Iterator[Page]:
     server = PageServer(session)
     server.start()
     try:
@@ -125,6 +125,27 @@ def test_a_click_chooses_the_object_under_it(tmp_path: Path) -> None:
         page.click(30.0, 30.0, (240, 480), "context_click")
         shown = until(session, lambda s: s.meant.not_at)
         assert shown.meant.not_at[0] == pytest.approx((30.0, 30.0), abs=tolerance)
+
+
+def test_every_part_is_drawn_and_listed_and_one_is_chosen_by_click_button_or_key(tmp_path: Path) -> None:
+    with scene_on(tmp_path / "run", shifted(0)) as (session, camera), page_on(session, tmp_path) as page:
+        page.reads("#status", "OK TO CLOSE")
+        assert [b.text.split() for b in page.browser.find_elements(By.CSS_SELECTOR, "#parts button")] == [
+            ["1", "ell"], ["2", "ell"],
+        ]  # fmt: skip
+        assert not any(b.is_displayed() for b in page.browser.find_elements(By.CSS_SELECTOR, "[data-tool], #start"))
+        there = session.shown.scene.results[2].view.outer.points.mean(axis=0)
+        page.click(*there, (480, 640))
+        until(session, lambda s: s.chosen == 2)
+        page.wait(lambda: page.find('#parts [data-number="2"]').get_attribute("aria-pressed") == "true")
+        page.find('#parts [data-number="1"]').click()
+        until(session, lambda s: s.chosen == 1)
+        page.press("2")
+        until(session, lambda s: s.chosen == 2)
+        camera.images.put(shifted(1))
+        page.reads("#figures", "2")
+        page.press("n")
+        page.reads("#error", "no more parts are found")
 
 
 def test_a_drag_is_a_box_and_a_number_takes_a_candidate(tmp_path: Path) -> None:

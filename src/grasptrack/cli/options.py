@@ -222,7 +222,7 @@ class PartsOptions:
         OBJECT,
         "S",
         "Time of the images, in s, between looks for parts that come into view, for --all.",
-        show_default="2, and never in a live source, which a look of some seconds would hold up",
+        show_default="2 for files in grasptrack track, else never: a look takes seconds",
     )
     same_tilt: bool = option_or(False, OBJECT, None, f"For --all: {SAME_TILT}", "--same-tilt")
 

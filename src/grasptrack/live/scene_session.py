@@ -143,14 +143,8 @@ class SceneSession(SessionLoop):
         """Look for parts that are not followed; where none is, in the next image, or in this one of a file that has ended."""
         if self._tracker is not None:
             new = len(self._tracker.look())
-            known = (
-                "no more parts are found"
-                if not new
-                else "1 more part is found"
-                if new == 1
-                else f"{new} more parts are found"
-            )
-            self._set_shown(notice=self._note(known))
+            line = "1 more part is found" if new == 1 else f"{new or 'no'} more parts are found"
+            self._set_shown(notice=self._note(line))
         elif self._over and self._shown.arrival is not None:
             self._look_at(self._shown.image, replace(self._shown.arrival, run=self._playing))
         else:

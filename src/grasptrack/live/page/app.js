@@ -45,6 +45,8 @@ function onHello(hello) {
   tools.hover = hello.hover;
   if (hello.servo) servo.open();
   at("pause").lastChild.hidden = hello.servo; // there the space key lets the arm move
+  setData("parts", hello.parts ? "many" : "");
+  if (hello.parts) setButton(at("rechoose"), "Look again", "N");
   setText(at("source"), hello.source);
   noticed = null;
   Object.values(charts).forEach((each) => each.clear()); // the server tells the last images again
@@ -74,6 +76,7 @@ function onMoment(next, bitmap) {
   showState();
   showPlace();
   showChoice();
+  showParts();
   showControls();
   showFiles();
   servo.describe(next, at("link").dataset.open === "true");
@@ -177,6 +180,30 @@ function showChoice() {
   showVerdict();
 }
 
+// Every part that is followed, of which one is chosen.
+function showParts() {
+  at("parts-card").hidden = !moment.parts.length;
+  const key = JSON.stringify([moment.chosen, moment.parts.map(({ number, name, status, why }) => [number, name, status, why])]);
+  const list = at("parts");
+  if (list.dataset.key === key) return;
+  const focused = document.activeElement.dataset.number;
+  list.dataset.key = key;
+  list.replaceChildren(...moment.parts.map(partButton));
+  if (focused) list.querySelector(`[data-number="${focused}"]`)?.focus(); // whoever goes through them with Tab stays there
+}
+
+function partButton({ number, name, status, why }) {
+  const button = element("button", { type: "button", title: why || status });
+  const disc = element("span", { className: "number", textContent: number });
+  disc.dataset.tone = status;
+  button.dataset.number = number;
+  button.append(disc, element("span", { textContent: name }), element("small", { textContent: status === "tracked" ? "" : status }));
+  button.setAttribute("aria-pressed", number === moment.chosen);
+  button.setAttribute("aria-label", `Part ${number}, ${name}, ${why || status}`);
+  button.addEventListener("click", () => send("choose", { number }));
+  return button;
+}
+
 function candidateButton(candidate) {
   const button = element("button", { type: "button" });
   const number = element("span", { className: "number", textContent: candidate.number });
@@ -238,7 +265,8 @@ function showControls() {
   const { phase } = moment;
   const wire = tools.tool === "outline" && tools.wire && tools.wire.closed;
   at("use-wire").hidden = !wire;
-  at("start").hidden = wire || !(phase === "choosing" || phase === "looking");
+  const many = Boolean(document.body.dataset.parts);
+  at("start").hidden = wire || many || !(phase === "choosing" || phase === "looking");
   at("start").disabled = phase === "choosing" && !(moment.result || moment.candidates.length);
   const unsure = phase === "choosing" && moment.candidates.length > 0 && !moment.sure;
   setButton(at("start"), unsure ? "Start with 1" : "Start", "Enter");
@@ -255,6 +283,7 @@ function showControls() {
 
 function idleHint() {
   if (!moment || tools.tool !== "object") return "";
+  if (document.body.dataset.parts) return moment.parts.length ? "Click the part that is meant" : moment.phase === "looking" ? "Looking …" : "";
   if (moment.phase === "choosing") return moment.candidates.length ? "Click the object, or drag a box round it" : "Click the object";
   return moment.phase === "looking" ? "Looking …" : "";
 }
@@ -452,8 +481,8 @@ document.addEventListener("keydown", (event) => {
   if (key in KEYS) tools.select(KEYS[key]);
   else if (key in SHORT) actions[SHORT[key]]();
   else if (key in ZOOMS) zoomBy(ZOOMS[key]);
-  else if (/^[1-3]$/.test(key)) {
-    if (moment && moment.phase === "choosing") send("choose", { number: Number(key) });
+  else if (/^[1-9]$/.test(key)) {
+    if (moment && (moment.phase === "choosing" || moment.parts.length)) send("choose", { number: Number(key) });
   } else if (key === "enter") {
     if (!at("use-wire").hidden) tools.useWire();
     else if (tools.drawn) tools.closeWire();

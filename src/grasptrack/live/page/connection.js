@@ -12,13 +12,13 @@ function points(flat) {
 }
 
 function unpack(moment) {
-  const { result, ghost, candidates, wire, hover } = moment;
+  const { result, ghost, candidates, parts, wire, hover } = moment;
   if (result) {
     result.outlines = result.outlines.map(points);
     if (result.cones) result.cones = result.cones.map(points);
   }
   if (ghost) ghost.outlines = ghost.outlines.map(points);
-  candidates.forEach((candidate) => (candidate.outline = points(candidate.outline)));
+  for (const each of [...candidates, ...parts]) each.outline = points(each.outline);
   if (wire) [wire.path, wire.hover] = [points(wire.path), points(wire.hover)];
   if (hover) hover.outline = points(hover.outline);
   return moment;

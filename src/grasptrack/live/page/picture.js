@@ -119,12 +119,13 @@ export class Picture {
   paint(g) {
     g.imageSmoothingEnabled = this.scale < 4;
     g.drawImage(this.bitmap, this.left, this.top, this.scale * this.bitmap.width, this.scale * this.bitmap.height);
-    const { result, ghost, candidates, phase, hover, meant, wire } = this.moment;
+    const { result, ghost, candidates, parts, chosen, phase, hover, meant, wire } = this.moment;
     const choosing = phase === "looking" || phase === "choosing";
     if (hover && hover.image === this.moment.image && hover.outline.length) this.area(g, hover.outline, "rgb(86 180 233 / 30%)", "#56b4e9");
     // Who draws by hand sees the image itself; who sets contacts sees the outlines that they go to.
     const drawing = this.tool === "outline" || this.tool === "fingertips";
     if (choosing && candidates.length && !drawing) this.candidates(g, candidates, this.tool !== "contacts");
+    this.parts(g, parts, chosen);
     if (ghost && !drawing) this.ghost(g, ghost);
     else if (result && !drawing && !(choosing && this.tool === "contacts")) this.result(g, result, choosing);
     if (choosing && !drawing) this.marks(g, meant);
@@ -197,6 +198,21 @@ export class Picture {
       labels.push(at);
       this.number(g, at, String(candidate.number), NUMBER_COLOURS[candidate.number - 1], "#10141a");
     });
+  }
+
+  // Each in the colour of its status, with its number in its middle; the chosen one is drawn as a single object is, its number
+  // above it.
+  parts(g, parts, chosen) {
+    const labels = [];
+    for (const { number, status, outline } of parts) {
+      if (!outline.length) continue;
+      const colour = this.style.getPropertyValue(`--${status}`).trim();
+      this.line(g, outline, colour, number === chosen ? 3 : 1.4, true);
+      const middle = this.toScreen([0, 1].map((k) => outline.reduce((sum, p) => sum + p[k], 0) / outline.length));
+      const at = number === chosen ? this.labelPlace(outline, labels) : middle;
+      labels.push(at);
+      this.number(g, at, String(number), colour, this.style.getPropertyValue("--card"));
+    }
   }
 
   // Above the outline's highest point, else beside another of its points, where no other label is.
