@@ -335,6 +335,12 @@ def test_the_verbs_teach_find_and_list(tmp_path: Path, capsys: pytest.CaptureFix
         [one["contacts"][0][0] for one in told["instances"]], abs=1e-3
     )
     assert sorted(told["files"]) == sorted(path.name for path in out.iterdir())
+    cv2.imwrite(str(tmp_path / "over.png"), tray(THREE[0], (MIRRORED, 1.0, (400.0, 300.0))))
+    capsys.readouterr()
+    assert main(["find", str(tmp_path / "over.png"), "--part", str(shelf), "--output", str(tmp_path / "over")]) == 0
+    assert "turned-over: of a part that cannot lie so, teach it with --face-up" in " ".join(
+        capsys.readouterr().out.split()
+    )
     assert main(["parts", str(shelf), "--output", str(out)]) == 0
     assert json.loads((out / "parts.json").read_text())["parts"][0]["size_mm"][0] == pytest.approx(38.5, abs=1.0)
     assert cv2.imread(str(out / "parts.png")) is not None and cv2.imread(str(out / "instances.png")) is not None

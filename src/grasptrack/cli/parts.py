@@ -31,6 +31,13 @@ if TYPE_CHECKING:
     from grasptrack.undistortion import Undistortion
 
 _HEADS = ("<part", "<file", "size, px", "size, mm", "holes", "grasps", "fingers")
+REMEDIES = {
+    "other-shape": "where the outline that was taught is wrong (grasptrack parts FILE draws it), teach the part anew",
+    "uncertain": "come nearer; where the camera leans as it did in teaching, say so (--same-tilt)",
+    "turned-over": "of a part that cannot lie so, teach it with --face-up",
+    "which-part": "teach what tells them apart, or look for one of them only",
+}
+"""What to try where something is not given, by the code of its reason."""
 KEPT = 5
 """Grasps that a part keeps where none is given."""
 
@@ -248,4 +255,6 @@ def _show_results(found: Sequence[Instance], notes: list[str]) -> None:
         if one.turns:
             turns = ", ".join(f"{turn:+.0f}°" for turn in one.turns)
             notes.insert(0, f"{number}: the outline fits as well turned by {turns}: any of these is as good a grasp")
+    codes = dict.fromkeys(one.reason_code for one in found)
+    notes = [*(f"{code}: {REMEDIES[code]}" for code in codes if code in REMEDIES), *notes]
     show_rows("Instances, the easiest to grasp first", _FOUND_HEADS, rows, notes)
