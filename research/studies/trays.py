@@ -54,6 +54,8 @@ LEAST_CONTRAST, MOST_CONTRAST = 50.0, 90.0
 MOST_COVERED = 0.4
 ROUNDS = 80
 """Places that are drawn for a part before it is left out."""
+FULL_TURN = 720
+"""Turns of a round part in which it is judged."""
 GRID = 1500
 """Places of a part at which it is looked at what covers it."""
 
@@ -132,7 +134,8 @@ def teach(shape: Shape, level: float, seed: int) -> Kind | None:
     moved = np.eye(3)
     moved[:2, 2] = part.view.outer.points[0] - view.outer.points[0]
     own = find_symmetries(Contour(subdivide_polygon(shape.outer * 100.0, 3.0)))
-    return Kind(shape, part, moved @ H, [turn.turn for turn in own.turns])
+    every = np.linspace(0.0, 2.0 * math.pi, FULL_TURN, endpoint=False).tolist() if own.continuous else []
+    return Kind(shape, part, moved @ H, [*every, *(turn.turn for turn in own.turns)])
 
 
 def draw_tray(kinds: Sequence[Kind], levels: Sequence[float], laid: str, seed: int) -> tuple[Pixels, list[Lying]]:

@@ -174,6 +174,48 @@ def test_a_disc_may_lie_in_any_turn_and_is_not_given() -> None:
     assert found and not any(one.found for one in found)
 
 
+ROUND = 60.0 * np.column_stack([np.cos(np.linspace(0.0, 6.2832, 160)[:-1]), np.sin(np.linspace(0.0, 6.2832, 160)[:-1])])
+
+
+def rings(scale: float, places: tuple[tuple[float, float], ...], size: tuple[int, int], hole: float) -> np.ndarray:
+    """(H, W) discs at some places, each with a hole of that radius."""
+    full, empty = (drawn(*each, centres=places, angle=0.0, size=size, contrast=85.0, noise=2.0, seed=3)
+                   for each in ([scale * ROUND] * len(places), [0.01 * ROUND] * len(places)))  # fmt: skip
+    y, x = np.mgrid[: size[0], : size[1]]
+    for at in places:
+        full = np.where(np.hypot(x - at[0], y - at[1]) < scale * hole, empty, full)
+    return np.asarray(cv2.GaussianBlur(full, (0, 0), 0.7))
+
+
+@pytest.mark.parametrize("hole", [0.0, 25.0])
+def test_a_round_part_is_given_in_any_turn_where_nothing_else_is_open(hole: float) -> None:
+    """A ring's two circles leave nothing open but the turn, a disc's one also a tilt; both were refused."""
+    image = rings(1.0, ((160.0, 120.0),), (240, 320), hole)
+    view = gt.first_look(image)[0].view
+    taught = gt.Part.of(image, view, gt.synthesize(view, 2, top=1), name="round")
+    places = ((150.0, 120.0), (420.0, 140.0), (300.0, 340.0))
+    scene = rings(0.8, places, SIZE, hole)
+    found = [one for one in gt.find(scene, taught) if one.found]
+    assert len(found) == (3 if hole else 0)
+    opening = 0.8 * np.hypot(*np.diff(taught.grasps[0].contacts, axis=0)[0])
+    for one in [*found, *(one for one in gt.find(scene, replace(taught, same_tilt=True)) if one.found)]:
+        away = np.array(places) - one.view.outer.points.mean(axis=0)
+        at = places[int(np.hypot(*away.T).argmin())]
+        assert one.any_turn and not one.turns
+        np.testing.assert_allclose(np.hypot(*(one.contacts - at).T), 48.0, atol=1.0)
+        np.testing.assert_allclose(np.hypot(*np.diff(one.contacts, axis=0)[0]), opening, atol=0.5)
+    if hole:
+        tracker, located = gt.SceneTracker(taught), 0
+        for k in range(6):
+            moved = tuple((x + 2.0 * k, y + k) for x, y in places)
+            told = tracker.update(rings(0.8, moved, SIZE, hole), k / 30.0)
+            for result in (each for each in told.results.values() if each.located):
+                located += 1
+                off = np.hypot(*(result.contacts[:, None] - np.array(moved)).T)
+                assert np.abs(off.min(axis=0) - 48.0).max() < 1.0
+        assert located >= 15
+
+
 def test_a_crescent_slides_along_itself_and_is_not_given() -> None:
     """It was given where a prior of nothing but the way it was looked for made it exact: one of some was 6 px off."""
     for angle in (0.3, 2.0, 4.1):

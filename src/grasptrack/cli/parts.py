@@ -252,6 +252,8 @@ def _show_results(found: Sequence[Instance], notes: list[str]) -> None:
         room = "free" if one.room == float("inf") else f"{one.room:.0f}"
         edge = f"{100.0 * one.edge:.0f} %"
         rows.append([str(number), one.part, at, format_confidence(one.confidence), edge, room, one.reason_code])
+        if one.any_turn and one.found:
+            notes.insert(0, f"{number}: it is round: the grasp is as good in any turn")
         if one.turns:
             turns = ", ".join(f"{turn:+.0f}°" for turn in one.turns)
             notes.insert(0, f"{number}: the outline fits as well turned by {turns}: any of these is as good a grasp")

@@ -235,6 +235,7 @@ def _instance_entry(number: int, one: Instance) -> dict[str, Any]:
         "homography": one.homography,
         "outline": _outline_points(one.view),
         "turns_deg": list(one.turns),
+        "any_turn": one.any_turn,
         "stable": None if one.analysis is None else one.analysis.stable,
         "margin_deg": None if one.analysis is None else math.degrees(one.analysis.margin),
     }

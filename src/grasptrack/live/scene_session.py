@@ -86,14 +86,14 @@ class SceneSession(SessionLoop):
             scene=scene,
             chosen=chosen,
             result=result,
-            last=self._last_of(result),
+            last=self._find_last(result),
         )
         if image > self._recorded:
             self._recorded = image
             self._run.write_frame(arrival.frame, scene)
             self._recordings.add(arrival.frame, scene, str)
 
-    def _last_of(self, result: TrackResult | None) -> TrackResult | None:
+    def _find_last(self, result: TrackResult | None) -> TrackResult | None:
         """What was told of an instance when it was located last."""
         last = self._shown.last
         if result is None or result.located:
@@ -137,7 +137,7 @@ class SceneSession(SessionLoop):
         result = self._results().get(number)
         if result is None:
             raise InputError(f"there is no part {number}")
-        self._set_shown(chosen=number, result=result, last=self._last_of(result))
+        self._set_shown(chosen=number, result=result, last=self._find_last(result))
 
     def _look_again(self) -> None:
         """Look for parts that are not followed; where none is, in the next image, or in this one of a file that has ended."""

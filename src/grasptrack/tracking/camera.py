@@ -54,6 +54,7 @@ class Beforehand:
         freedom: of the slopes' t distribution, above 2, the scale then being its own; infinite where they are Gaussian.
         aspect: width of a pixel for each unit of its height, where it is told; None where views shall tell.
         belt: (2,) px/s, how a belt on which the object lies moves in the first view; None where that is not told.
+        any_turn: the object is round, and in which turn it lies makes no difference.
     """
 
     theta: Floats
@@ -61,6 +62,7 @@ class Beforehand:
     freedom: float = math.inf
     aspect: float | None = None
     belt: Floats | None = None
+    any_turn: bool = False
 
     @staticmethod
     def of_unknown(numbers: Numbers) -> Beforehand:

@@ -22,7 +22,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import rotation_at
 from grasptrack.grasp.force_closure import GraspAnalysis, analyze
 from grasptrack.images import Channel
-from grasptrack.matching import Sampled, judge_hypotheses, lay_several, match_several, may_match
+from grasptrack.matching import Sampled, find_symmetries, judge_hypotheses, lay_several, match_several, may_match
 from grasptrack.matching.samples import TWIN
 from grasptrack.matching.symmetry import TOLERANCE as OWN_TWIN
 from grasptrack.tracking.common_plane import CommonPlane, PlanePose
@@ -96,15 +96,20 @@ class PartSide:
             levels = build_pyramid(channel.to_grey(self.taught.image))
             contacts, origin = self.taught.grasps[0].contacts, self.taught.seen_from
             target = make_target(levels, self.taught.view, contacts, self._numbers, origin=origin)
-            self._states[channel] = first_state(target, levels)
+            self._states[channel] = first_state(replace(target, any_turn=self.is_round), levels)
         return self._states[channel]
 
-    def to_first_image(self, target: Target) -> Floats:
+    def map_to_first_image(self, target: Target) -> Floats:
         """(3, 3) from work px of a target made of it to the image that taught the part, half its width about its middle."""
         width, x, y = self.part.seen_from
         unit = np.array([[2.0, 0.0, -2.0 * x], [0.0, 2.0, -2.0 * y], [0.0, 0.0, width]])
         back = self.part.flip if self.mirrored else np.eye(3)
         return np.asarray(unit @ back @ np.linalg.inv(target.homography(np.eye(3))))
+
+    @cached_property
+    def is_round(self) -> bool:
+        """Whether its outline fits itself in every turn, as a disc's and a ring's does: any is as good as another."""
+        return find_symmetries(self.outline).continuous
 
     @cached_property
     def grasp_analysis(self) -> GraspAnalysis | None:
@@ -160,7 +165,7 @@ class PartSearch(NamedTuple):
         """A pose of one of some claims for that plane, with its covariance where it counts."""
         kinds, size = list(dict.fromkeys(c.kind for c in claims)), self.scene.colours.shape
         kind, target = claim.kind, claim.state.target
-        taught = kind.to_first_image(target) if kind.part.same_tilt else None
+        taught = kind.map_to_first_image(target) if kind.part.same_tilt else None
         return PlanePose(kinds.index(kind), target, G, np.eye(8) if P is None else P, size, taught)
 
 
@@ -173,6 +178,8 @@ class PartClaim:
     def __init__(self, kind: PartSide, channel: Channel, state: TrackState, tried: list[PoseEstimate]) -> None:
         self.kind, self.channel, self.state, self.tried = kind, channel, state, tried
         self.decision, self.turns = _decide_among(kind, state, tried)
+        self.any_turn = kind.is_round and not any(surely_shown(state, e) for e in tried)
+        self.turns = () if self.any_turn else self.turns
         assert self.decision.estimate is not None
         self.estimate: PoseEstimate = self.decision.estimate
         self.own = self.estimate

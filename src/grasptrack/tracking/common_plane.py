@@ -82,22 +82,24 @@ class PlanePose:
             image: (4,) what rectifies the image.
             own: (5,) what rectifies that of the part, and the log of the scale.
         """
-        told = self._deviations(image, own, self._ways)
+        told = self._compute_deviations(image, own, self._ways)
         return told[0], (told[1:] - told[0]).T / self._step
 
     def by_rectifying(self, image: Floats, own: Floats) -> Floats:
         """(5, 9) the deviation's derivatives by what rectifies the image, and by each of `own`."""
         steps, way = STEP * np.eye(9), self._ways[:1]
-        moved = self._deviations(image + steps[:, :4], own + steps[:, 4:], way) - self._deviations(image, own, way)
+        moved = self._compute_deviations(image + steps[:, :4], own + steps[:, 4:], way) - self._compute_deviations(
+            image, own, way
+        )
         return np.asarray(moved.T / STEP)
 
-    def _deviations(self, image: Floats, own: Floats, ways: Floats) -> Floats:
+    def _compute_deviations(self, image: Floats, own: Floats, ways: Floats) -> Floats:
         """(n, 5) of each of some ways (n, 3, 3), or of one where the images are rectified by each of some numbers."""
-        found = _unlikeness(_rectifying(image) @ ways @ self._from_plane(image, own))
+        found = _unlikeness(_rectifying(image) @ ways @ self._map_from_plane(image, own))
         found[:, 4] = found[:, 4] - own[..., 4] if self.same_tilt else 0.0
         return found
 
-    def _from_plane(self, image: Floats, own: Floats) -> Floats:
+    def _map_from_plane(self, image: Floats, own: Floats) -> Floats:
         """(..., 3, 3) from the plane, about the part, to the part's image in units of half the part's size."""
         R = _rectifying(own[..., :4])
         if self.same_tilt:

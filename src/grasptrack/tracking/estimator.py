@@ -72,6 +72,9 @@ def estimate_pose(
     occluded = found.occluded
     found.origin, found.area = hypothesis.origin, area
     found.hidden = float(occluded.sum()) / len(occluded) if len(occluded) else 0.0
+    if target.any_turn:
+        P = np.linalg.inv(np.linalg.inv(found.P) + target.agreed)
+        found = target.handle.known_by(found, P, found.beforehand + target.agreed)
     return found
 
 

@@ -137,6 +137,8 @@ class Follower:
         levels = build_pyramid(grey)
         self.risk, hidden = numbers.risk, None if observer is None else observer.hidden
         target = make_target(levels, view, contacts, numbers.for_learning(DEFAULT_RISK), hidden)
+        if before is not None and before.any_turn:
+            target = replace(target, turns=(), any_turn=True)
         self.slides = self_similar_shifts(*target.surface, target.noise, target.size, target.numbers)
         self.state = first_state(target, levels, before, time)
         self.redetection = Redetection(target, levels, observer, hidden)

@@ -80,6 +80,8 @@ class Instance:
         analysis: of the grasp, in the part's image; None with the contacts.
         turns: degrees of other turns by which its outline fits as well and which its surface does not tell apart: the
             contacts are those of one of them, and equal by the outline alone.
+        any_turn: it is round, as a disc or a ring, and nothing tells how far it is turned: contacts are those of one turn, and
+            `covariance` is theirs on it.
         reason: empty where it is found, else a short sentence.
         reason_code: the reason in one word, see `messages.SENTENCES`.
     """
@@ -96,6 +98,7 @@ class Instance:
     room: float
     analysis: GraspAnalysis | None
     turns: tuple[float, ...] = ()
+    any_turn: bool = False
     reason: str = ""
     reason_code: str = ""
 
@@ -198,6 +201,7 @@ def _instance_of(claim: PartClaim, others: list[View]) -> Instance:
         _finger_room(kind.taught, claim.H, [v for v in others if v is not claim.view]),
         kind.grasp_analysis if believed else None,
         claim.turns,
+        claim.any_turn,
         StatusReason(claim.code, claim.decision.figures).sentence if claim.code else "",
         claim.code,
     )

@@ -89,7 +89,7 @@ def image_information(estimate: PoseEstimate) -> Floats:
 
 def known_by_image(target: Target, estimate: PoseEstimate, instead: Floats) -> PoseEstimate:
     """An estimate as exact as the image makes it beside what is known instead (8, 8) of what was known beforehand."""
-    beforehand = np.linalg.inv(instead)
+    beforehand = np.linalg.inv(instead) + target.agreed
     P = np.linalg.inv(image_information(estimate) + beforehand)
     found: PoseEstimate = target.handle.known_by(estimate, P, beforehand)
     return found

@@ -87,7 +87,8 @@ class SceneTracker:
 
     Equals that are all followed are no danger to each other: no two are given in one place, and what lies where another one
     surely lies is not looked for there. Where all of them may have gone one way or another, as on a belt that moves by more
-    than half of its pitch, they are lost as "lookalike".
+    than half of its pitch, they are lost as "lookalike". Of a round part (`Instance.any_turn`) the contacts are those of one
+    turn, and may go round with time.
 
     Args:
         parts: one part or several of different names.
@@ -270,7 +271,7 @@ class _Followed:
         self._channel = PLAIN if colours.ndim == 2 else best_color_projection(colours, one.view.outer)
         grey = image.levels_in(self._channel)[0]
         self._grasp, self.view = Grasp(one.contacts), one.view
-        observer = make_detector(grey, one.view, hidden)
+        observer, before = make_detector(grey, one.view, hidden), replace(before, any_turn=one.any_turn)
         self.follower = Follower(grey, one.view, one.contacts, time, observer, NUMBERS.with_risk(risk), before)
         self._carrier = Registration(self.follower)
         self._track = Track(1, make_closure_check(self._grasp, one.view, part.friction), self._carrier, self.follower)

@@ -88,6 +88,10 @@ class Recipe:
 
 SIDE_DEPTH, MIN_SIDE_DEPTH = 0.06, 4.0
 """Share of sqrt(area), and work px, from the outline at which object and ground are looked at."""
+SMALL_TURN = 1e-4
+"""rad, of a difference that stands for a derivative."""
+AGREED = 0.05
+"""Work px at a round outline, to which its turn is agreed upon."""
 SIDES = (-1.0, 1.0, 3.0)
 """How far outside the outline samples lie, in that."""
 SIDE_CLEAR = 0.7
@@ -120,6 +124,7 @@ class Target:
         noise: grey levels, of the camera.
         handle: the same for the kernel.
         recipe: of the handle, which cannot be copied itself.
+        any_turn: in which turn about itself it lies makes no difference, and is taken for agreed upon.
     """
 
     view: View
@@ -147,6 +152,7 @@ class Target:
     numbers: Numbers
     handle: Any = field(repr=False)
     recipe: Recipe = field(repr=False)
+    any_turn: bool = False
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the kernel's own memory."""
@@ -400,6 +406,19 @@ class Target:
     def _view_to_work(self) -> Floats:
         """(3, 3) px of the first view -> work px."""
         return np.asarray(np.linalg.inv(self.A), dtype=np.float64)
+
+    @cached_property
+    def agreed(self) -> Floats:
+        """(8, 8) 1 / work px^2, what is agreed upon of a pose's error: of a part in any turn, that turn."""
+        if not self.any_turn:
+            return np.zeros((8, 8))
+        axes = np.linalg.cholesky(np.cov(self.outline.T))  # seen a little aslant a round part is an ellipse
+        turn = axes @ np.array([[0.0, -SMALL_TURN], [SMALL_TURN, 0.0]]) @ np.linalg.inv(axes)
+        T = np.eye(3)
+        T[:2, :2] += turn
+        T[:2, 2] = -turn @ self.outline.mean(axis=0)
+        way = self.pose_difference(np.eye(3), T)
+        return np.outer(way, way) / float(way @ way) ** 2 * (0.5 * self.size * SMALL_TURN / AGREED) ** 2
 
     def homography(self, G: Floats) -> Floats:
         """(3, 3) H_current_reference of a pose G."""
