@@ -27,6 +27,19 @@ SAME_WAY = 3.0
 """px by which motions differ that are one."""
 
 
+class _Places(NamedTuple):
+    """Places on a part in an image: their middle (2,) px, and (m, 2) px where they lie about it."""
+
+    middle: Floats
+    about: Floats
+
+    @staticmethod
+    def of(at: Floats) -> _Places:
+        """Of places (m, 2) px."""
+        middle = at.mean(axis=0)
+        return _Places(middle, at - middle)
+
+
 class _Member(NamedTuple):
     """One of some equals in an image.
 
@@ -34,15 +47,15 @@ class _Member(NamedTuple):
         follower: of it.
         sight: of the image.
         way: where it would be, had it moved as is expected.
-        before, now: (m, 2) px, places on it as expected and as found; `now` is None where it is not found.
+        before, now: places on it as expected and as found; `now` is None where it is not found.
         beside: (n, 2) px, its middle as expected on equals that are known and not followed.
     """
 
     follower: Follower
     sight: Sight
     way: Way
-    before: Floats
-    now: Floats | None
+    before: _Places
+    now: _Places | None
     beside: Floats
 
     def is_empty_now(self, shift: Floats) -> bool:
@@ -80,7 +93,7 @@ def alias_probabilities(followers: Sequence[Follower], sights: Sequence[Sight]) 
     members = [_member_of(f, s) for f, s in zip(followers, sights, strict=True)]
     found = [m for m in members if m.now is not None]
     odds = dict.fromkeys(map(id, found), 0.0)
-    own = {id(m): _middle(m.now) - _middle(m.before) for m in found if m.now is not None}
+    own = {id(m): m.now.middle - m.before.middle for m in found if m.now is not None}
     if len(members) > 1 and found:
         usual = np.median(list(own.values()), axis=0)
         ways = _other_ways(found, members)
@@ -97,7 +110,9 @@ def alias_probabilities(followers: Sequence[Follower], sights: Sequence[Sight]) 
             told = _log_odds(way, usual, members, math.log(least / share))
             told -= against_own * math.log(1.0 - EMPTY_RIGHT)
             for m in found:
-                if m.now is not None and not _compare(m.before + way, m.now, m, way)[0]:  # else it went that way itself
+                if (
+                    m.now is not None and not _compare(m.before, way, [m.now], m, way)[0]
+                ):  # else it went that way itself
                     odds[id(m)] += share * math.exp(min(told, MAX_EXPONENT))
     return [odds[id(m)] / (1.0 + odds[id(m)]) if id(m) in odds else 0.0 for m in members]
 
@@ -111,7 +126,8 @@ def _member_of(follower: Follower, sight: Sight) -> _Member:
     if decision.estimate is not None and decision.estimate.origin not in CONTINUOUS:
         follower.rivals.shows_equals(follower.state.located)
     beside = carried_in_front(way.G, follower.state.equals + places.mean(axis=0))
-    return _Member(follower, sight, way, carried_in_front(way.G, places), now, beside)
+    before = _Places.of(carried_in_front(way.G, places))
+    return _Member(follower, sight, way, before, None if now is None else _Places.of(now), beside)
 
 
 def _other_ways(found: Sequence[_Member], members: Sequence[_Member]) -> Floats:
@@ -119,8 +135,8 @@ def _other_ways(found: Sequence[_Member], members: Sequence[_Member]) -> Floats:
     ways = []
     for m in found:
         if m.now is not None:
-            ways += [_middle(m.now) - _middle(other.before) for other in members if other is not m]
-            ways += list(_middle(m.now) - m.beside)
+            ways += [m.now.middle - other.before.middle for other in members if other is not m]
+            ways += list(m.now.middle - m.beside)
     told = np.array(ways).reshape(-1, 2)
     return told[np.isfinite(told).all(axis=1)]
 
@@ -137,35 +153,39 @@ def _density_ratios(member: _Member, own: Floats, ways: Floats) -> Floats:
 def _log_odds(way: Floats, usual: Floats, members: Sequence[_Member], least: float) -> float:
     """What both images say for a way (2,) px of all, against each being where it was found; `least` is enough."""
     told, doubt = 0.0, math.log(1.0 - EMPTY_RIGHT)
+    now, before = [n.now for n in members if n.now is not None], [n.before for n in members]
     for m in members:
         if told < least:
             break
-        there = [_compare(m.before + way, n.now, m, way) for n in members if n.now is not None]
-        if not any(fits for fits, _ in there):
-            told += doubt * (any(occupied for _, occupied in there) or m.is_empty_now(way))
+        fits, occupied = _compare(m.before, way, now, m, way)
+        if not fits:
+            told += doubt * (occupied or m.is_empty_now(way))
             if m.now is not None and m.is_shown(way):  # nobody has found this part: where did it come from?
                 told -= doubt * m.was_empty(way - usual)
         if m.now is None:
             continue
-        then = [_compare(m.now - way, n.before, m, way) for n in members]
-        if not any(fits for fits, _ in then):
-            from_there = _middle(m.now) - _middle(m.before) - way
-            told += doubt * (any(occupied for _, occupied in then) or m.was_empty(from_there))
+        fits, occupied = _compare(m.now, -way, before, m, way)
+        if not fits:
+            told += doubt * (occupied or m.was_empty(m.now.middle - m.before.middle - way))
     return told
 
 
-def _compare(places: Floats, others: Floats, member: _Member, way: Floats) -> tuple[bool, bool]:
-    """Whether places (m, 2) px of a member that went a way are those of another one, and whether both lie in one place."""
+def _compare(
+    places: _Places, shift: Floats, others: Sequence[_Places], member: _Member, way: Floats
+) -> tuple[bool, bool]:
+    """Whether places of a member that went a way, moved by a shift (2,) px, are those of one of others, and whether both lie in
+    one place."""
     estimate, state = member.sight.decision.estimate, member.follower.state
     area = state.target.area if estimate is None else estimate.area
-    allowed, apart = contact_tolerance(area, state.numbers), _middle(places) - _middle(others)
-    away = math.hypot(*apart.tolist())
-    shares = len(places) == len(others) and float(np.hypot(*(places - others - apart).T).max()) <= allowed
-    return shares and away <= allowed + FIT * math.hypot(*way.tolist()), away < ONE_PLACE * math.sqrt(area)
-
-
-def _middle(places: Floats) -> Floats:
-    return np.asarray(places.mean(axis=0), dtype=np.float64)
+    allowed = contact_tolerance(area, state.numbers)
+    away = np.hypot(*(np.array([other.middle for other in others]) - (places.middle + shift)).T)
+    near = np.nonzero(away <= allowed + FIT * math.hypot(*way.tolist()))[0].tolist()
+    fits = any(
+        len(others[k].about) == len(places.about)
+        and float(np.hypot(*(places.about - others[k].about).T).max()) <= allowed
+        for k in near
+    )
+    return fits, bool((away < ONE_PLACE * math.sqrt(area)).any())
 
 
 def _shifted(G: Floats, shift: Floats) -> Floats:
