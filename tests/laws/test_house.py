@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 45_527,
-    "src/grasptrack/tracking": 10_349,
+    "src/grasptrack": 45_561,
+    "src/grasptrack/tracking": 10_383,
     "src/grasptrack/servo": 4_908,
     "src/grasptrack/io": 6_903,
     "src/grasptrack/segmentation": 4_439,

@@ -145,12 +145,13 @@ class Follower:
         self.rivals = Rivals(self.state, self.redetection)
         self._surroundings = Surroundings(self.state)
         self.search_ms: float | None = None
-        self.follow_beside([])
+        self._alone = True
 
     def follow_beside(self, others: list[TrackState], *, alone: bool = True) -> None:
-        """What of its equals is followed too is no danger to it by itself: what all of them did is decided together.
+        """Look for equals of it in its first image, before the next one.
 
-        Where it is not alone parts come and go, and one that is lost may not be the one that is found.
+        What of them is followed too is no danger to it by itself: what all of them did is decided together. Where it is not
+        alone parts come and go, and one that is lost may not be the one that is found.
         """
         self.rivals.followed, self._alone = others, alone
         if not self.state.accepted and not self.state.lost:

@@ -177,7 +177,12 @@ def find_placements(
         held = (i >= 0) & (j >= 0) & (i < width) & (j < height)
         counts = np.bincount(((k * height + j) * width + i)[held], minlength=TURNS * height * width)
         votes = counts.reshape(TURNS, height, width).astype(np.float32)
-        votes = votes + np.roll(votes, 1, axis=0) + np.roll(votes, -1, axis=0)
+        beside = votes.copy()
+        beside[1:] += votes[:-1]
+        beside[:-1] += votes[1:]
+        beside[0] += votes[-1]
+        beside[-1] += votes[0]
+        votes = beside
         for each in votes:
             cv2.blur(each, (3, 3), each)
         most = votes.max(axis=0)

@@ -167,9 +167,15 @@ def _detect_keypoints(
     grey: Grey, level: int, mask: Grey | None = None, most: int = MAX_KEYPOINTS, rows: slice = WHOLE
 ) -> _Keypoints:
     """Keypoints of a level of an image's pyramid (H, W), in some rows, px, of the image."""
-    part = grey[rows.start >> level : rows.stop >> level]
+    corner, part = np.array([0, rows.start >> level]), grey[rows.start >> level : rows.stop >> level]
+    if mask is not None:  # what lies farther away than the object is large changes nothing of its keypoints
+        x, y, width, height = cv2.boundingRect(mask)
+        margin = max(width, height)
+        corner = np.maximum([x - margin, y - margin], 0)
+        window = (slice(corner[1], y + height + margin), slice(corner[0], x + width + margin))
+        part, mask = as_grey(part[window]), as_grey(mask[window])
     found, descriptions = cv2.SIFT.create(most, contrastThreshold=KEYPOINT_CONTRAST).detectAndCompute(part, mask)
-    points = np.array([point.pt for point in found]).reshape(-1, 2) + np.array([0.0, rows.start >> level])
+    points = np.array([point.pt for point in found]).reshape(-1, 2) + corner
     cost = AreaCost(DETECTED + DESCRIBED * len(found) / AreaCost(1.0).of(part.size))
     return _Keypoints(points * 2.0**level, descriptions, 2.0**level, cost)
 

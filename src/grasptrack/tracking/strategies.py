@@ -81,9 +81,11 @@ def carrier_for(
         if not extractors:
             raise TransferError("; ".join(refused))
         follower = Follower(grey, view, grasp.contacts, time, observer, numbers, before)
+        follower.follow_beside([])
         return Switching(follower, extractors, observer, TransferContext.of(grasp, view, predicted=True))
     extractor = None if strategy == AUTO else make_extractor(strategy, grasp, view, grey)
     follower = Follower(grey, view, grasp.contacts, time, observer, numbers, before)
+    follower.follow_beside([])
     if extractor is None:
         return Registration(follower)
     return Alone(strategy, follower, {strategy: extractor}, observer)
