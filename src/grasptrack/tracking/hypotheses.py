@@ -65,6 +65,8 @@ LEAST_SHARE = 1e-12
 LEAST_OF_USUAL = 0.5
 """Share of the usual evidence of the surface below which a second solution is looked for."""
 
+PUSHED = 1e-4
+"""Probability that an object at rest is pushed from one image to the next, and in just the way in which its outline slides."""
 ROOM = 0.5
 """Share of the standard deviation that an answer may have, up to which the outline alone fixes every contact: that the surface
 says otherwise comes on top."""
@@ -134,7 +136,7 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
     settled = bool(flows) and _fixes_contacts(state, flows[0])
     among_equals = len(state.equals) > 0  # of which one may look as the object would where it was looked for
     seldom = state.accepted % BACKGROUND_EVERY and state.delay < BACKGROUND_EVERY
-    if settled and seldom and not jerked and not among_equals:
+    if settled and seldom and not jerked and not among_equals and not target.slides:
         return Predictions(first, rest, None, even)
     if not jerked:
         background = align_look(state, state.last, levels, rest, Q, target.clear_ring(state.visible))
@@ -328,6 +330,7 @@ class Solutions:
             if not still and estimate.hidden > state.numbers.elsewhere:
                 estimate = self._against_shutter(estimate, hypothesis)
             estimate = self._against_outline(estimate, hypothesis.G, still=still)
+            estimate = self._against_ground(estimate, still=still)
             self.found.append(self._against_fixed_surface(estimate, still=still))
 
     def _against_shutter(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> PoseEstimate:
@@ -422,6 +425,28 @@ class Solutions:
         found.confirmed = estimate.confirmed
         if max_contact_distance(other.contacts, estimate.contacts) > contact_tolerance(other.area, numbers):
             found.slipped = right
+        return found
+
+    def _against_ground(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate:
+        """An estimate of an outline that slides along itself, or what outline and ground say without the surface.
+
+        Where an encoder carries blocks of a plain surface along, nothing but the ground on which it rests tells how far it slid:
+        that it was pushed in just this way is less probable than that its surface fails.
+        """
+        state, target, numbers, ground = self._state, self._state.target, self._state.numbers, self._background
+        if ground is None or not target.slides or state.wander >= numbers.predicted or not estimate.texture_agreeing:
+            return estimate
+        P = target.noise_of_motion * state.wander**2 + state.P
+        resting = Hypothesis(estimate.origin, ground, P)
+        other = estimate_pose(state, self._levels, resting, still=still, surface=False)
+        if other is None or lead_alike(target, other, estimate):
+            return estimate
+        gain = outline_evidence(other, numbers) - outline_evidence(estimate, numbers)
+        gain += numbers.temper * min(0.0, texture_evidence(state, other) - texture_evidence(state, estimate))
+        gain += math.log(numbers.witness_fails / PUSHED)
+        gain = min(max(gain, -MAX_LOG_ODDS), MAX_LOG_ODDS)
+        found = mixed_estimate(target, [estimate, other], [-gain, 0.0])
+        found.confirmed = estimate.confirmed
         return found
 
     def _against_fixed_surface(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate:
