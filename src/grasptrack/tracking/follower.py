@@ -35,7 +35,7 @@ from grasptrack.tracking.evidence import (
     texture_evidence,
 )
 from grasptrack.tracking.fixed_patches import forget_fixed_patches
-from grasptrack.tracking.hypotheses import Predictions, Solutions, predict_hypotheses
+from grasptrack.tracking.hypotheses import Predictions, predict_hypotheses
 from grasptrack.tracking.learning import learn, lose
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.patches import self_similar_shifts
@@ -56,6 +56,7 @@ from grasptrack.tracking.pose import (
 from grasptrack.tracking.redetection import Redetection, best_sighted_pose
 from grasptrack.tracking.rivals import Rivals
 from grasptrack.tracking.selection import make_target
+from grasptrack.tracking.solutions import Solutions
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.surroundings import Surroundings
 from grasptrack.tracking.target import Grey, Target, build_pyramid
