@@ -24,7 +24,7 @@ from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.hand import Hand, Length
 from grasptrack.trackability import inspect
-from grasptrack.tracking import hypotheses
+from grasptrack.tracking import solutions
 from grasptrack.tracking.decision import NOTHING, Decision, any_of, decide_pose
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, OWN, check_risk, read_numbers
 from grasptrack.tracking.pose import contact_tolerance
@@ -64,7 +64,7 @@ def asked() -> list[tuple[Any, ...]]:
         return decide_pose(state, estimates, *more)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hypotheses, "decide_pose", noted)
+        patch.setattr(solutions, "decide_pose", noted)
         track()
     return calls
 
