@@ -11,12 +11,12 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 45_607,
-    "src/grasptrack/tracking": 10_429,
+    "src/grasptrack": 45_610,
+    "src/grasptrack/tracking": 10_433,
     "src/grasptrack/servo": 4_908,
     "src/grasptrack/io": 6_903,
     "src/grasptrack/segmentation": 4_439,
-    "src/grasptrack/cli": 3_254,
+    "src/grasptrack/cli": 3_253,
     "src/grasptrack/live": 3_176,
     "src/grasptrack/view": 1_974,
     "src/grasptrack/trackability": 1_912,
@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 16_177,
     "research": 12_591,
     "native": 7_511,
-    "tests": 47_949,
+    "tests": 47_948,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 221

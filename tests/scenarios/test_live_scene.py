@@ -102,7 +102,6 @@ def test_a_recording_shows_every_part(tmp_path: Path) -> None:
         (["--all"], "say which with --part"),
         (["--part", "PART"], "add --all"),
         (["--part", "PART", "--all", "--object", "3,4"], "--object is for following one object"),
-        (["--part", "PART", "--all", "--start"], "--start is for following one object"),
         (["--part", "PART", "--all", "--servo", "s.toml"], "--servo is for following one object"),
         (["--part", "PART", "--all", "--record-as", "mcap"], "--record-as is for following one object"),
         (["--part", "none.part", "--all"], "none.part"),

@@ -94,8 +94,7 @@ def live(
     grasp.finger_count(at_most_three=True)
     if scene.has_parts():
         scene.refuse_unsuited(grasp, first, hand, known)
-        given = {"--servo": servo, "--publish": publish, "--start": start or None}
-        given["--record-as"] = None if record_as == "mp4" else record_as
+        given = {"--servo": servo, "--publish": publish, "--record-as": None if record_as == "mp4" else record_as}
         unsuited = next((name for name, value in given.items() if value is not None), None)
         if unsuited:
             raise InputError(f"{unsuited} is for following one object: leave it out, or --all")

@@ -42,6 +42,8 @@ STILL_SHARE = 0.25
 """Share of what something else has moved that is rest."""
 LEAST_OF_USUAL = 0.5
 """Share of the usual evidence of the surface below which a second solution is looked for."""
+APART = 2.0
+"""Squared distance, by what is known of both, from which on an answer lies elsewhere than where outline and ground have it."""
 PUSHED = 1e-4
 """Probability that an object at rest is pushed from one image to the next, and in just the way in which its outline slides."""
 ROOM = 0.5
@@ -225,12 +227,14 @@ class Solutions:
         slid: that it was pushed in just this way is less probable than that its surface fails.
         """
         state, target, numbers, ground = self._state, self._state.target, self._state.numbers, self._background
-        if ground is None or not target.slides or state.wander >= numbers.predicted or not estimate.texture_agreeing:
+        if ground is None or not target.slides or not estimate.texture_agreeing:
+            return estimate
+        if state.lost or state.wander >= numbers.predicted:  # it need not rest where it did
             return estimate
         P = target.noise_of_motion * state.wander**2 + state.P
         resting = Hypothesis(estimate.origin, ground, P)
         other = estimate_pose(state, self._levels, resting, still=still, surface=False)
-        if other is None or lead_alike(target, other, estimate):
+        if other is None or target.handle.joined(other.G, other.P, estimate.G, estimate.P)[0] < APART:
             return estimate
         gain = outline_evidence(other, numbers) - outline_evidence(estimate, numbers)
         gain += numbers.temper * min(0.0, texture_evidence(state, other) - texture_evidence(state, estimate))
