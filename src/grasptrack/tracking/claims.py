@@ -159,7 +159,7 @@ class PartSearch(NamedTuple):
             own = mixed_estimate(target, alike, [pose_evidence(claim.state, e) for e in alike])
             told = image_information(own) + np.linalg.inv(FAR**2 * target.noise_of_view)
             poses.append(self.plane_pose(claim, own.G, claims, np.linalg.inv(told)))
-        return CommonPlane(poses)
+        return CommonPlane.of(poses)
 
     def plane_pose(self, claim: PartClaim, G: Floats, claims: list[PartClaim], P: Floats | None = None) -> PlanePose:
         """A pose of one of some claims for that plane, with its covariance where it counts."""

@@ -5,12 +5,13 @@ Images of parts in one plane differ by no more than similarities, but for what r
 parts: R(image) G R(taught)^-1 is a similarity for each pose G, with one R for the image and one for each kind of part. An
 outline of few arcs, as a crescent's, slides along itself under one motion, which turns with the part, so that the others tell
 how far. All of a kind that slide as far look like an image that taught them aslant: where the camera leans as it did then, the
-R of the image is that of the part as well, all have one scale, and nothing is left open. Parts that lean are told from those
-that lie flat by how well they agree with the rest.
+R of the image is that of the part as well, all have one scale, and nothing is left open. Whoever says so may err: the parts
+tell. Parts that lean are told from those that lie flat by how well they agree with the rest.
 """
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 
@@ -37,6 +38,8 @@ LEANING = np.append(OF_PART, NEARER)
 """... and of what a part deviates that leans, the log of its scale among it."""
 SAME_TILT = 0.03
 """Share of OF_PART that is left where both images are seen under one tilt: one degree of 45."""
+WRONGLY_SAID = 1e-3
+"""Probability that a camera leans otherwise than is said."""
 ANY_SCALE = 10.0
 """Standard deviation of the log of a scale that is not known."""
 ANNEALED = (1.0, 0.3, 0.1, 0.03, 0.01, *[0.0] * 7)
@@ -74,6 +77,12 @@ class PlanePose:
         self._step = STEP * target.size
         ways = [G, *(target.handle.moved(G, d) for d in self._step * np.eye(8))]
         self._ways: Floats = _to_unit(size) @ np.array(ways) @ part
+
+    def of_any_tilt(self) -> PlanePose:
+        """The same, were nothing said of the tilt."""
+        other = copy.copy(self)
+        other.same_tilt, other.noise = False, np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+        return other
 
     def deviation(self, image: Floats, own: Floats) -> tuple[Floats, Floats]:
         """(5,) how unlike a similarity of a known scale it is, and (5, 8) by the pose's error.
@@ -116,7 +125,23 @@ class CommonPlane:
 
     Args:
         poses: of the parts.
+
+    Attributes:
+        doubt: probability that the camera leans otherwise than is said.
     """
+
+    doubt = 0.0
+
+    @classmethod
+    def of(cls, poses: Sequence[PlanePose]) -> CommonPlane:
+        """The plane under the tilt that is said, or under any where the parts show that it is not that one."""
+        said = cls(poses)
+        if not said.is_said:
+            return said
+        free = cls([pose.of_any_tilt() for pose in poses])
+        odds = WRONGLY_SAID * math.exp(min(free.evidence() - said.evidence(), MAX_EXPONENT))
+        said.doubt = odds / (1.0 + odds)
+        return free if odds > 1.0 else said
 
     def __init__(self, poses: Sequence[PlanePose]) -> None:
         self._poses, kinds = list(poses), sorted({p.kind for p in poses})
@@ -153,6 +178,11 @@ class CommonPlane:
         self._x = self._x + step
         return float(np.abs(step).max())
 
+    @property
+    def is_said(self) -> bool:
+        """Whether it is seen under the tilt under which parts were taught, as somebody says."""
+        return any(pose.same_tilt for pose in self._poses)
+
     def prior_of(self, k: int, pose: PlanePose, P: Floats) -> tuple[Floats, Floats]:
         """What the other parts tell of one: how far (8,) it is off, and (8, 8) the covariance of what they leave open.
 
@@ -161,7 +191,7 @@ class CommonPlane:
             pose: from which on, another than its own perhaps.
             P: (8, 8) how far it may be off as long as nothing is told.
         """
-        told, by_pose, spread = self._without(k, pose)
+        told, by_pose, spread = self._without(k, pose if self._poses[k].same_tilt else pose.of_any_tilt())
         gain = np.linalg.solve(_spread(told, by_pose, P) + spread, by_pose @ P).T
         left = P - gain @ by_pose @ P
         return np.asarray(-gain @ told), np.asarray(0.5 * (left + left.T))
@@ -171,10 +201,33 @@ class CommonPlane:
         return np.asarray(_rectifying(self._x[:4]) @ _to_unit(size))
 
     def leaning_probability(self, k: int) -> float:
-        """Probability that a part does not lie in the plane of the others, as far as the image alone tells its pose."""
+        """Probability that a part does not lie in the plane of the others, as far as the image alone tells its pose, or that
+        the plane is another one."""
         pose = self._poses[k]
         told, by_pose, spread = self._without(k, pose)
-        return 1.0 - _flat_probability(told, _spread(told, by_pose, pose.P) + spread, self._flat)
+        flat = _flat_probability(told, _spread(told, by_pose, pose.P) + spread, self._flat)
+        return 1.0 - flat * (1.0 - self.doubt)
+
+    def evidence(self) -> float:
+        """Log of the probability of how the parts stretch and bend in it, by Laplace's approximation, up to a constant."""
+        A, told_by_all = np.diag(self._prior), 0.0
+        for pose, at in zip(self._poses, self._at, strict=True):
+            told, by_pose = pose.deviation(self._x[:4], self._x[at])
+            S, bends = _spread(told, by_pose, pose.P)[:4, :4], told[:4]
+            logs = [
+                math.log(share) - 0.5 * (float(bends @ np.linalg.solve(C, bends)) + float(np.linalg.slogdet(C)[1]))
+                for share, C in ((self._flat, S), (1.0 - self._flat, S + np.diag(OF_PART**2)))
+            ]
+            both = float(np.logaddexp(logs[0], logs[1]))
+            by_plane = pose.by_rectifying(self._x[:4], self._x[at])[:4]
+            D = np.zeros((4, len(self._x)))
+            D[:, :4], D[:, at] = by_plane[:, :4], by_plane[:, 4:]
+            A = A + math.exp(logs[0] - both) * D.T @ np.linalg.solve(S, D)
+            told_by_all += both
+        x = self._x.copy()
+        x[8::5] = 0.0  # scales are no matter of the tilt
+        told_by_all -= 0.5 * float(x @ (self._prior * x))
+        return told_by_all + 0.5 * float(np.log(self._prior).sum() - np.linalg.slogdet(A)[1])
 
     def _without(self, k: int, pose: PlanePose) -> tuple[Floats, Floats, Floats]:
         """(5,) how far a pose of one part is from the others' plane, (5, 8) by its error, and (5, 5) how well they know it."""
