@@ -78,7 +78,7 @@ class PlanePose:
         ways = [G, *(target.handle.moved(G, d) for d in self._step * np.eye(8))]
         self._ways: Floats = _to_unit(size) @ np.array(ways) @ part
 
-    def of_any_tilt(self) -> PlanePose:
+    def forget_tilt(self) -> PlanePose:
         """The same, were nothing said of the tilt."""
         other = copy.copy(self)
         other.same_tilt, other.noise = False, np.array([0.0, 0.0, 0.0, 0.0, 1.0])
@@ -138,8 +138,8 @@ class CommonPlane:
         said = cls(poses)
         if not said.is_said:
             return said
-        free = cls([pose.of_any_tilt() for pose in poses])
-        odds = WRONGLY_SAID * math.exp(min(free.evidence() - said.evidence(), MAX_EXPONENT))
+        free = cls([pose.forget_tilt() for pose in poses])
+        odds = WRONGLY_SAID * math.exp(min(free.measure_evidence() - said.measure_evidence(), MAX_EXPONENT))
         said.doubt = odds / (1.0 + odds)
         return free if odds > 1.0 else said
 
@@ -191,7 +191,7 @@ class CommonPlane:
             pose: from which on, another than its own perhaps.
             P: (8, 8) how far it may be off as long as nothing is told.
         """
-        told, by_pose, spread = self._without(k, pose if self._poses[k].same_tilt else pose.of_any_tilt())
+        told, by_pose, spread = self._without(k, pose if self._poses[k].same_tilt else pose.forget_tilt())
         gain = np.linalg.solve(_spread(told, by_pose, P) + spread, by_pose @ P).T
         left = P - gain @ by_pose @ P
         return np.asarray(-gain @ told), np.asarray(0.5 * (left + left.T))
@@ -208,7 +208,7 @@ class CommonPlane:
         flat = _flat_probability(told, _spread(told, by_pose, pose.P) + spread, self._flat)
         return 1.0 - flat * (1.0 - self.doubt)
 
-    def evidence(self) -> float:
+    def measure_evidence(self) -> float:
         """Log of the probability of how the parts stretch and bend in it, by Laplace's approximation, up to a constant."""
         A, told_by_all = np.diag(self._prior), 0.0
         for pose, at in zip(self._poses, self._at, strict=True):
