@@ -200,11 +200,11 @@ class FollowedGrasp(CarriedGrasp):
     )
 
 
-SAME_TILT = (
+TILT_HELP = (
     "the camera leans against the plane as it did where the parts were taught (fixed, or held alike): "
     "ellipses and the like are found more often."
 )
-SameTilt = Annotated[bool, option(OBJECT, None, SAME_TILT[0].upper() + SAME_TILT[1:], "--same-tilt")]
+SameTilt = Annotated[bool, option(OBJECT, None, TILT_HELP[0].upper() + TILT_HELP[1:], "--same-tilt")]
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ class PartsOptions:
         "Time of the images, in s, between looks for parts that come into view, for --all.",
         show_default="2 for files in grasptrack track, else never: a look takes seconds",
     )
-    same_tilt: bool = option_or(False, OBJECT, None, f"For --all: {SAME_TILT}", "--same-tilt")
+    same_tilt: bool = option_or(False, OBJECT, None, f"For --all: {TILT_HELP}", "--same-tilt")
 
     def has_parts(self) -> bool:
         """Whether many are followed.

@@ -42,7 +42,7 @@ STILL_SHARE = 0.25
 """Share of what something else has moved that is rest."""
 LEAST_OF_USUAL = 0.5
 """Share of the usual evidence of the surface below which a second solution is looked for."""
-APART = 2.0
+DISAGREE_FROM = 2.0
 """Squared distance, by what is known of both, from which on an answer lies elsewhere than where outline and ground have it."""
 PUSHED = 1e-4
 """Probability that an object at rest is pushed from one image to the next, and in just the way in which its outline slides."""
@@ -234,7 +234,7 @@ class Solutions:
         P = target.noise_of_motion * state.wander**2 + state.P
         resting = Hypothesis(estimate.origin, ground, P)
         other = estimate_pose(state, self._levels, resting, still=still, surface=False)
-        if other is None or target.handle.joined(other.G, other.P, estimate.G, estimate.P)[0] < APART:
+        if other is None or target.handle.joined(other.G, other.P, estimate.G, estimate.P)[0] < DISAGREE_FROM:
             return estimate
         gain = outline_evidence(other, numbers) - outline_evidence(estimate, numbers)
         gain += numbers.temper * min(0.0, texture_evidence(state, other) - texture_evidence(state, estimate))
