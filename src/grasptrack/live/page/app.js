@@ -180,26 +180,32 @@ function showChoice() {
   showVerdict();
 }
 
-// Every part that is followed, of which one is chosen.
+// Every part that is followed, of which one is chosen. A button stays while its part does: a click on it is not lost.
 function showParts() {
   at("parts-card").hidden = !moment.parts.length;
-  const key = JSON.stringify([moment.chosen, moment.parts.map(({ number, name, status, why }) => [number, name, status, why])]);
   const list = at("parts");
-  if (list.dataset.key === key) return;
-  const focused = document.activeElement.dataset.number;
-  list.dataset.key = key;
-  list.replaceChildren(...moment.parts.map(partButton));
-  if (focused) list.querySelector(`[data-number="${focused}"]`)?.focus(); // whoever goes through them with Tab stays there
+  const key = moment.parts.map(({ number }) => number).join();
+  if (list.dataset.key !== key) {
+    list.dataset.key = key;
+    const kept = Object.fromEntries([...list.children].map((button) => [button.dataset.number, button]));
+    list.replaceChildren(...moment.parts.map(({ number }) => kept[number] || partButton(number)));
+  }
+  moment.parts.forEach(({ number, name, status, why }, i) => {
+    const button = list.children[i];
+    const [disc, label, state] = button.children;
+    disc.dataset.tone = status;
+    setText(label, name);
+    setText(state, status === "tracked" ? "" : status);
+    button.title = why || status;
+    button.setAttribute("aria-pressed", number === moment.chosen);
+    button.setAttribute("aria-label", `Part ${number}, ${name}, ${why || status}`);
+  });
 }
 
-function partButton({ number, name, status, why }) {
-  const button = element("button", { type: "button", title: why || status });
-  const disc = element("span", { className: "number", textContent: number });
-  disc.dataset.tone = status;
+function partButton(number) {
+  const button = element("button", { type: "button" });
   button.dataset.number = number;
-  button.append(disc, element("span", { textContent: name }), element("small", { textContent: status === "tracked" ? "" : status }));
-  button.setAttribute("aria-pressed", number === moment.chosen);
-  button.setAttribute("aria-label", `Part ${number}, ${name}, ${why || status}`);
+  button.append(element("span", { className: "number", textContent: number }), element("span"), element("small"));
   button.addEventListener("click", () => send("choose", { number }));
   return button;
 }
