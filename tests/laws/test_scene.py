@@ -2,6 +2,7 @@
 """Many parts at once: each followed as one alone is, no two in one place, and none taken for another one."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -92,6 +93,19 @@ def test_one_alone_is_followed_as_a_tracker_of_one_object_follows_it() -> None:
         ours, own = scene.update(image).results[1], alone.update(image)
         assert ours.status == own.status
         np.testing.assert_allclose(ours.contacts, own.contacts, atol=0.3)
+
+
+def test_an_instance_is_known_no_better_later_than_it_was_found() -> None:
+    """Its first image was taken for exact: a half-disc that was found 2 px beside its place was followed there, sure of it."""
+    (one,) = gt.find(tray(SPREAD[:1]), hook())
+    vague = replace(one, covariance=one.covariance + np.diag([4.0, 1.0]), confidence=0.998)
+    told = [gt.SceneTracker(hook(), instances=[each]) for each in (one, vague)]
+    for k in range(3):
+        image = tray(moved(SPREAD[:1], 6.0 * k), k)
+        sure, open_ = (scene.update(image).results[1] for scene in told)
+        np.testing.assert_array_equal(sure.contacts, open_.contacts)
+        np.testing.assert_allclose(open_.covariance - sure.covariance, [np.diag([4.0, 1.0])] * 2, atol=0.3)
+        assert open_.confidence <= 0.998 and (k > 0 or np.array_equal(sure.covariance, one.covariance))
 
 
 @pytest.mark.parametrize("step", [5.0, 30.0, -30.0])

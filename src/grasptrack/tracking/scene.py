@@ -19,7 +19,7 @@ from grasptrack.equality import compared_by_value
 from grasptrack.errors import ConditioningError, InputError, SourceError
 from grasptrack.first_image import FirstImage
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography
+from grasptrack.geometry.homographies import apply_homography, homography_jacobian
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.images import PLAIN, Grey, to_bgr
 from grasptrack.segmentation.candidate import best_color_projection
@@ -89,6 +89,7 @@ class SceneTracker:
     surely lies is not looked for there. Where all of them may have gone one way or another, as on a belt that moves by more
     than half of its pitch, they are lost as "lookalike". Of a round part (`Instance.any_turn`) the contacts are those of one
     turn, and may go round with time.
+    Covariances count how exactly each was found.
 
     Args:
         parts: one part or several of different names.
@@ -265,7 +266,8 @@ class _Followed:
         image: ImagePyramids,
         asked: tuple[float | None, float, Grey | None, Beforehand],
     ) -> None:
-        assert one.contacts is not None
+        assert one.contacts is not None and one.covariance is not None
+        self._found_with = one.covariance
         (time, risk, hidden, before), colours = asked, image.colours
         self.number, self.part, self._probability, self.is_new = number, part, one.confidence, True
         self._channel = PLAIN if colours.ndim == 2 else best_color_projection(colours, one.view.outer)
@@ -317,7 +319,15 @@ class _Followed:
         return moment._replace(probability=self._probability)
 
     def _named(self, result: TrackResult) -> TrackResult:
-        return replace(result, instance_id=self.number, part_id=self.part.name)
+        """A result of this instance: what its first image left open of the part's own grasp is open in each later one."""
+        named = replace(result, instance_id=self.number, part_id=self.part.name)
+        if result.contacts is None or result.homography is None:
+            return named
+        H, first = result.homography, self._grasp.contacts
+        J = np.array([homography_jacobian(H, x, y) for x, y in first.tolist()]).reshape(-1, 2, 2)
+        found = J @ self._found_with @ J.transpose(0, 2, 1)
+        covariance = found if result.covariance is None else result.covariance + found
+        return replace(named, covariance=covariance, confidence=min(result.confidence, self._probability))
 
 
 class Footprint:
