@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -32,7 +32,15 @@ from grasptrack.segmentation.candidate import (
     with_known_hole,
 )
 from grasptrack.segmentation.choice import Signs, choice_probabilities, drawn_probability, load_numbers, measure_worth
-from grasptrack.segmentation.localization import BORDER, holes_on_ground, is_near_hidden
+from grasptrack.segmentation.localization import (
+    BORDER,
+    MIN_HOLE_SHARE,
+    MIN_RIM,
+    LocalizedContour,
+    holes_on_ground,
+    is_near_hidden,
+    localize_holes,
+)
 from grasptrack.segmentation.proposals import (
     GIVEN,
     MIN_ENCLOSED,
@@ -49,9 +57,11 @@ from grasptrack.segmentation.seams import joined_parts
 from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, asked_regions, region_maps
 from grasptrack.segmentation.shadow import out_of_ramp, without_shadow
 from grasptrack.segmentation.silhouettes import (
+    MIN_AREA,
     Chain,
     Silhouette,
     box_iou,
+    fill_polygon,
     neck_width,
     picture_window,
     polygon_silhouette,
@@ -91,6 +101,8 @@ CLICK_MARGIN = 3.0
 """px: a click may lie so far beside a thin part."""
 MIN_BOX_OVERLAP = 0.3
 """Intersection over union with a box that was drawn; a region of less is another one."""
+RIM_SAMPLES = 64
+"""Points of a region's boundary, some, at which it is asked whether it lies within another."""
 NESTED_SHARE = 0.4
 """Of an outline, within what was found, from which it counts as a part of that."""
 
@@ -394,12 +406,36 @@ class CandidateSearch:
             found = candidate_of_edges(colours, planes, p.silhouette, hidden)
         if found is None:
             return None
-        if found.view.contours[1:]:
-            holes = holes_on_ground(self._scene.planes, p.silhouette, found.view.contours[1:])
-            found = found._replace(view=View([found.view.outer, *holes]))
+        holes = self._with_enclosed_holes(p.silhouette, found) if whole else found.view.contours[1:]
+        if holes:
+            found = found._replace(
+                view=View([found.view.outer, *holes_on_ground(self._scene.planes, p.silhouette, holes)])
+            )
         if shaded:
             found = found._replace(view=out_of_ramp(found.view, self._scene.edges.planes, self._scene.edges.shrink))
         return found._replace(level=p.level, recipe=p.recipe, grain=p.grain, shaded=is_cut_out)
+
+    def _with_enclosed_holes(self, shape: Silhouette, found: Candidate) -> Sequence[Contour]:
+        """The holes of a candidate and those that closed edges enclose within its silhouette, the largest first."""
+        holes = list(found.view.contours[1:])
+        taken = np.zeros(self._scene.grey.shape, np.uint8)
+        for hole in holes:
+            taken |= fill_polygon(hole.points, taken.shape)
+        chains = list[Chain]()
+        for p in sorted(self._proposals, key=lambda p: -p.silhouette.area):
+            inner = p.silhouette
+            if p.recipe < 0 or not max(MIN_HOLE_SHARE * shape.area, MIN_AREA) <= inner.area < shape.area:
+                continue
+            if not _encloses(shape.box, inner.box) or taken[inner.outer[:, 1], inner.outer[:, 0]].any():
+                continue
+            if all(
+                shape.depth_at(*at) > MIN_RIM for at in inner.outer[:: max(1, len(inner.outer) // RIM_SAMPLES)].tolist()
+            ):
+                chains.append(inner.outer)
+                cv2.drawContours(taken, [inner.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
+        outer = LocalizedContour(found.view.outer, found.inside, found.outside)
+        grey = found.channel.to_grey(self._scene.colours)
+        return holes + localize_holes(grey, chains, outer, found.polarity, self._said.hidden)
 
     def _out_of_shadow(self, p: OutlineProposal) -> tuple[OutlineProposal, bool]:
         """A proposal without the shadow that its object casts, and whether it had to be cut out: where another proposal
@@ -428,6 +464,12 @@ def is_allowed(shape: Silhouette, said: FirstImage) -> bool:
     if any(shape.depth_at(*at) > 0.0 for at in said.not_at):
         return False
     return said.box is None or box_iou(shape.box, said.box) > MIN_BOX_OVERLAP
+
+
+def _encloses(box: tuple[int, int, int, int], inner: tuple[int, int, int, int]) -> bool:
+    """Whether a box lies within another."""
+    (x, y, w, h), (u, v, p, q) = box, inner
+    return x < u and y < v and u + p < x + w and v + q < y + h
 
 
 def _is_beside(shape: Silhouette, polygon: Floats) -> bool:

@@ -34,7 +34,9 @@ HIDDEN_MARGIN = 3.0
 """px; the same for ignored pixels, before which a silhouette ends a little early."""
 
 MIN_SHARPNESS = 0.5
-"""Least strength of a hole's edge relative to the outer one; print is seldom as sharp."""
+"""Least strength of a hole's edge relative to the outer one, ..."""
+MOST_SHARP = 0.8
+"""... and the share of it, beside that of the outer one, that is as strong; print is seldom as sharp."""
 HOLE_CONTRAST = 0.25
 """A hole shows the same background as around the object, within this fraction of the contrast."""
 MAX_HOLES = 12
@@ -53,6 +55,8 @@ GROUND_SAMPLES = 2000
 PATCH, MOST_WITHIN, MOST_BESIDE = 9, 0.8, 0.97
 """px across of the patches of ground whose colours are compared; and the shares of them, in a hole and beside the object, that
 are looked at: a seam that runs through a hole covers more of that than of the rest."""
+REFITS = 8
+"""Times that the surfaces of the ground's light are fitted, each time with less weight of what lies off them."""
 TOLERANCE = 1e-6
 
 
@@ -116,8 +120,9 @@ def _localize_hole(
     strength, reference = hole.contour.strength, outer.contour.strength
     if strength is None or reference is None:
         return None
-    k = len(strength) // 5  # a fifth of the edge is less sharp
-    if float(np.partition(strength, k)[k]) < MIN_SHARPNESS * float(np.median(reference)):
+    # noise and blur lead points astray on both
+    sharp, usual = (float((s >= MIN_SHARPNESS * np.median(reference)).mean()) for s in (strength, reference))
+    if sharp < MOST_SHARP * usual:
         return None
     if polarity and not abs(hole.outside - outer.outside) <= HOLE_CONTRAST * abs(outer.outside - outer.inside):
         return None
@@ -165,20 +170,46 @@ def holes_on_ground(planes: Planes, shape: Silhouette, holes: Sequence[Contour])
     around = cv2.dilate(shape.filled_window(window), np.ones((2 * PATCH - 3,) * 2, np.uint8)) == 0
     if not around.any():
         return list(holes)
+    light = _light_over_ground(patches, around)
+    seen, patches = seen - light, patches - light
     beside = patches[around][:: max(1, np.count_nonzero(around) // GROUND_SAMPLES)]
-    ground = np.median(beside, axis=0)
-    noise = np.hypot([robust_sd(plane) for plane in (beside - ground).T], [LIGHTNESS, CHROMA, CHROMA][: len(ground)])
+    noise = np.hypot([robust_sd(plane) for plane in beside.T], [LIGHTNESS, CHROMA, CHROMA][: beside.shape[1]])
 
     def unlikeness(colours: Any) -> Floats:
-        away = (colours - ground) / noise
+        away = colours / noise
         return np.asarray(np.maximum(np.abs(away[..., 0]), np.hypot.reduce(away[..., 1:], axis=-1)), dtype=np.float64)
 
     usual = max(float(np.quantile(unlikeness(beside), MOST_BESIDE)), 1.0)
     kept = []
     for hole in holes:
         filled = fill_polygon(hole.points - (left, top), seen.shape)
-        inside, deep = (cv2.erode(filled, np.ones((px, px), np.uint8)) > 0 for px in (3, PATCH + 4))  # off the edge
+        depth = cv2.distanceTransform(filled, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        inside, deep = depth > 0.5 * float(depth.max()), cv2.erode(filled, np.ones((PATCH + 4,) * 2, np.uint8)) > 0
         alike = not inside.any() or unlikeness(np.median(seen[inside], axis=0)) <= ALIKE
         if alike and (not deep.any() or np.quantile(unlikeness(patches[deep]), MOST_WITHIN) <= ALIKE * usual):
             kept.append(hole)
     return kept
+
+
+def _light_over_ground(patches: Planes, around: Bools) -> Planes:
+    """(h, w, C) what light and lens make of the ground's colours (h, w, C): surfaces of second order in the image, fitted
+    where the ground is seen; what lies on it counts little."""
+    rows, columns = np.nonzero(around)
+    step = max(1, len(rows) // GROUND_SAMPLES)
+    height, width = around.shape
+    y, x = (np.linspace(-1.0, 1.0, n) for n in (height, width))
+
+    def terms(u: Floats, v: Floats) -> Floats:
+        return np.stack(np.broadcast_arrays(np.ones_like(u), u, v, u * u, u * v, v * v), axis=-1)
+
+    at, seen = terms(x[columns[::step]], y[rows[::step]]), patches[rows[::step], columns[::step]].astype(np.float64)
+    fitted = np.zeros((at.shape[1], seen.shape[1]))
+    for k in range(seen.shape[1]):
+        weight, level = np.ones(len(at)), seen[:, k]
+        fitted[0, k] = np.median(level)
+        for _ in range(REFITS):
+            away = level - at @ fitted[:, k]
+            weight = 1.0 / (1.0 + (away / max(robust_sd(away), LIGHTNESS)) ** 2)
+            normal = at.T @ (weight[:, None] * at) + TOLERANCE * len(at) * np.eye(at.shape[1])
+            fitted[:, k] = np.linalg.solve(normal, at.T @ (weight * level))
+    return np.asarray(terms(*np.meshgrid(x, y)) @ fitted, dtype=np.float32)
