@@ -21,6 +21,7 @@ from grasptrack.tracking.pose import (
     largest_sigma,
     max_contact_distance,
     sane_area,
+    share_in_view,
     worst_variance,
 )
 from grasptrack.tracking.state import TrackState
@@ -170,16 +171,19 @@ def ground_gone_far(state: TrackState, levels: list[Grey], starts: list[Hypothes
     numbers, ring = state.numbers, state.target.clear_ring(state.visible)
     steps = [np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]) for e in state.equals for x, y in (e, -e)]
     beside = [Hypothesis(starts[0].origin, starts[0].G @ step, starts[0].P) for step in steps]
-    found = [flow for start in [*starts, *beside] for flow in align_looks(state, state.last, levels, [start], Q, ring)]
+    starts = [*starts, *beside]
+    found = [flow for start in starts for flow in align_looks(state, state.last, levels, [start], Q, ring)]
     if not found:
         return None
     best = max(found, key=lambda flow: flow.agreeing)
-    contacts, n = state.target.carried_contacts(best.G), float(len(ring))
+    contacts, n = state.target.carried_contacts(best.G), len(ring) * share_in_view(state.last.G, ring, levels[0])
     tolerance = contact_tolerance(abs(seen_area(best.G, state.target.outline)), numbers)
-    for other in found:
-        same = max_contact_distance(contacts, state.target.carried_contacts(other.G)) < tolerance
-        told = numbers.temper * Agreement(best.agreeing * n, n).log_odds(min(other.agreeing, MOST_BY_CHANCE))
-        if not same and told < -math.log(numbers.risk):
+    others = [f for f in found if max_contact_distance(contacts, state.target.carried_contacts(f.G)) >= tolerance]
+    # ground that went out of view may be the one, though nothing of it can be laid on the image
+    unseen = any(len(ring) * share_in_view(start.G, ring, levels[0]) < MIN_PLACES for start in starts)
+    for rival in [*(flow.agreeing for flow in others), *([ENOUGH_AGREE] if unseen else [])]:
+        told = numbers.temper * Agreement(best.agreeing * n, n).log_odds(min(rival, MOST_BY_CHANCE))
+        if told < -math.log(numbers.risk):
             return None
     return best
 
