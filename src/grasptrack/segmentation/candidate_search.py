@@ -34,9 +34,8 @@ from grasptrack.segmentation.candidate import (
 from grasptrack.segmentation.choice import Signs, choice_probabilities, drawn_probability, load_numbers, measure_worth
 from grasptrack.segmentation.localization import (
     BORDER,
-    MIN_HOLE_SHARE,
-    MIN_RIM,
     LocalizedContour,
+    enclosed_chains,
     holes_on_ground,
     is_near_hidden,
     localize_holes,
@@ -57,11 +56,9 @@ from grasptrack.segmentation.seams import joined_parts
 from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, asked_regions, region_maps
 from grasptrack.segmentation.shadow import out_of_ramp, without_shadow
 from grasptrack.segmentation.silhouettes import (
-    MIN_AREA,
     Chain,
     Silhouette,
     box_iou,
-    fill_polygon,
     neck_width,
     picture_window,
     polygon_silhouette,
@@ -101,8 +98,9 @@ CLICK_MARGIN = 3.0
 """px: a click may lie so far beside a thin part."""
 MIN_BOX_OVERLAP = 0.3
 """Intersection over union with a box that was drawn; a region of less is another one."""
-RIM_SAMPLES = 64
-"""Points of a region's boundary, some, at which it is asked whether it lies within another."""
+PLAINLY_TWO = 0.2
+"""How much more plainly a region is two things than the lesser of them is a share of it, from which on the other one alone is
+meant: a handle of another look is a large part of its tool. A choice, by 60 regions of photos and of the suite."""
 NESTED_SHARE = 0.4
 """Of an outline, within what was found, from which it counts as a part of that."""
 
@@ -276,17 +274,19 @@ class CandidateSearch:
         """Candidates with their probabilities."""
         if not found or self._masks_only:
             return [candidate._replace(probability=1.0) for candidate, _ in found]
+        edges = self._scene.edges
+        joined, *things = next(iter(joined_parts(found[0][1].proposal.silhouette, edges.planes, edges.shrink)), (0.0,))
+        whole, found = found[0][1], self._with_parts(found, joined, things)
         first, own = found[0]
         others = rated if self._said.grasp is None else [r for _, r in found if r.held]
         rivals = [r for r in others if _is_another(r.proposal.silhouette, own.proposal.silhouette)]
         # what stands out for a net, as a person does, need not be what is meant: the outline alone has a say
         lead = min((min(own.worth - r.worth, own.unmapped - r.unmapped) for r in rivals), default=math.inf)
         returned = self._unmapped_snapper.return_share(first.view.outer.points)
-        rating, shape, edges = own.proposal.rating, own.proposal.silhouette, self._scene.edges
+        rating, shape = own.proposal.rating, own.proposal.silhouette
         thin, neck, cut = thin_share(shape, edges.shrink), neck_width(shape, edges.shrink), 1.0 - rating.complete
         within, around = two_toned(shape, edges.planes, edges.shrink)
-        joined, *things = next(iter(joined_parts(shape, edges.planes, edges.shrink)), (0.0,))
-        found, toned = self._with_parts(found, joined, things), max(within, joined)
+        toned = max(within, joined if own is whole else 1.0 - joined)
         signs = Signs(rating.score, lead, returned, thin, neck, cut, toned, around)
         worth = np.array([r.worth for _, r in found])
         # the numbers with a map were fitted to votes: of alternatives the more cautious ones count
@@ -302,9 +302,13 @@ class CandidateSearch:
     def _with_parts(
         self, found: list[tuple[Candidate, _Rated]], joined: float, things: list[Chain]
     ) -> list[tuple[Candidate, _Rated]]:
-        """The same, after the first one also the things that it may be, which touch, in the order of their worth."""
+        """The same, after the first one also the things that it may be, which touch, in the order of their worth; before it
+        the greater of these where it is so much more than the lesser one that this is print or a neighbour's tip."""
         first, said, more = found[0][1], self._said, list[tuple[Candidate, _Rated]]()
-        for thing in things:
+        sizes = [abs(cv2.contourArea(thing.reshape(-1, 1, 2))) for thing in things]
+        plain = bool(things) and joined > min(sizes) / sum(sizes) + PLAINLY_TWO
+        ahead = list[tuple[Candidate, _Rated]]()
+        for size, thing in zip(sizes, things, strict=True):
             shape = polygon_silhouette(thing.astype(np.float64), self._scene.grey.shape)
             if shape is None or shape.longer_side < MIN_EXTENT or not is_allowed(shape, said):
                 continue
@@ -313,13 +317,17 @@ class CandidateSearch:
             self._scene.work.spend(self._contour_cost)
             rating = self._scene.scorer.rate_silhouette(shape)
             part = first.proposal._replace(silhouette=shape, rating=rating, recipe=GIVEN, likely=joined)
-            candidate = self._localize_proposal(part)
-            if candidate is None or any(is_same_region(candidate.view, c.view) for c, _ in found):
+            candidate, leads = self._localize_proposal(part), plain and size == max(sizes)
+            if candidate is None or (not leads and any(is_same_region(candidate.view, c.view) for c, _ in found)):
                 continue
             if said.grasp is None or operator.le(*distance_of_contacts(candidate.view, said.grasp)):
                 worth, unmapped = (float(each[0]) for each in self._measure_worth([part]))
-                more.append((candidate._replace(rating=rating.score), _Rated(part, worth, unmapped)))
-        return [found[0], *sorted(found[1:] + more, key=lambda each: (not each[1].held, -each[1].worth))]
+                rated = _Rated(part, worth, unmapped, held=leads and said.grasp is not None)
+                (ahead if leads else more).append((candidate._replace(rating=rating.score), rated))
+        if ahead:
+            more += [each for each in found[:1] if not is_same_region(each[0].view, ahead[0][0].view)]
+        behind = sorted(found[1:] + more, key=lambda each: (not each[1].held, -each[1].worth))
+        return [*(ahead or found[:1]), *behind]
 
     def _drawn_candidate(self, polygon: Floats) -> Candidate:
         """What a rough polygon is: the best rated proposal that agrees with it all round, or the polygon moved onto the edges
@@ -416,26 +424,12 @@ class CandidateSearch:
         return found._replace(level=p.level, recipe=p.recipe, grain=p.grain, shaded=is_cut_out)
 
     def _with_enclosed_holes(self, shape: Silhouette, found: Candidate) -> Sequence[Contour]:
-        """The holes of a candidate and those that closed edges enclose within its silhouette, the largest first."""
-        holes = list(found.view.contours[1:])
-        taken = np.zeros(self._scene.grey.shape, np.uint8)
-        for hole in holes:
-            taken |= fill_polygon(hole.points, taken.shape)
-        chains = list[Chain]()
-        for p in sorted(self._proposals, key=lambda p: -p.silhouette.area):
-            inner = p.silhouette
-            if p.recipe < 0 or not max(MIN_HOLE_SHARE * shape.area, MIN_AREA) <= inner.area < shape.area:
-                continue
-            if not _encloses(shape.box, inner.box) or taken[inner.outer[:, 1], inner.outer[:, 0]].any():
-                continue
-            if all(
-                shape.depth_at(*at) > MIN_RIM for at in inner.outer[:: max(1, len(inner.outer) // RIM_SAMPLES)].tolist()
-            ):
-                chains.append(inner.outer)
-                cv2.drawContours(taken, [inner.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
+        """The holes of a candidate, and those that closed edges enclose within its silhouette."""
+        holes, enclosed = found.view.contours[1:], (p.silhouette for p in self._proposals if p.recipe >= 0)
+        chains = enclosed_chains(shape, enclosed, holes, self._scene.grey.shape)
         outer = LocalizedContour(found.view.outer, found.inside, found.outside)
         grey = found.channel.to_grey(self._scene.colours)
-        return holes + localize_holes(grey, chains, outer, found.polarity, self._said.hidden)
+        return [*holes, *localize_holes(grey, chains, outer, found.polarity, self._said.hidden)]
 
     def _out_of_shadow(self, p: OutlineProposal) -> tuple[OutlineProposal, bool]:
         """A proposal without the shadow that its object casts, and whether it had to be cut out: where another proposal
@@ -464,12 +458,6 @@ def is_allowed(shape: Silhouette, said: FirstImage) -> bool:
     if any(shape.depth_at(*at) > 0.0 for at in said.not_at):
         return False
     return said.box is None or box_iou(shape.box, said.box) > MIN_BOX_OVERLAP
-
-
-def _encloses(box: tuple[int, int, int, int], inner: tuple[int, int, int, int]) -> bool:
-    """Whether a box lies within another."""
-    (x, y, w, h), (u, v, p, q) = box, inner
-    return x < u and y < v and u + p < x + w and v + q < y + h
 
 
 def _is_beside(shape: Silhouette, polygon: Floats) -> bool:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import cv2
@@ -48,6 +48,8 @@ ALIKE = 3.0
 MIN_RIM = 3
 """px, least width of material between a hole and the outline; what reaches the outline is a notch, or enclosed
 background."""
+RIM_SAMPLES = 64
+"""Points of a region's boundary, some, at which it is asked whether it lies within another."""
 WINDOW_MARGIN = 12
 """px of background around the object that are examined."""
 GROUND_SAMPLES = 2000
@@ -120,9 +122,9 @@ def _localize_hole(
     strength, reference = hole.contour.strength, outer.contour.strength
     if strength is None or reference is None:
         return None
-    # noise and blur lead points astray on both
+    # noise and blur lead points astray on both; where edges of either sign count grain has as many
     sharp, usual = (float((s >= MIN_SHARPNESS * np.median(reference)).mean()) for s in (strength, reference))
-    if sharp < MOST_SHARP * usual:
+    if sharp < MOST_SHARP * (usual if polarity else 1.0):
         return None
     if polarity and not abs(hole.outside - outer.outside) <= HOLE_CONTRAST * abs(outer.outside - outer.inside):
         return None
@@ -159,6 +161,30 @@ def background_within(image: Planes, shape: Silhouette) -> list[Chain]:
     return [s.outer + np.array([left, top], np.int32) for s in whole[:MAX_HOLES]]
 
 
+def enclosed_chains(
+    shape: Silhouette, regions: Iterable[Silhouette], holes: Sequence[Contour], size: tuple[int, ...]
+) -> list[Chain]:
+    """Pixel chains of the regions well within a silhouette that may be holes of it, the largest first, none within another.
+
+    Beside those that are known; in an image of (height, width).
+    """
+    taken = np.zeros(size[:2], np.uint8)
+    for hole in holes:
+        taken |= fill_polygon(hole.points, size)
+    chains, (x, y, w, h) = list[Chain](), shape.box
+    for inner in sorted(regions, key=lambda each: -each.area):
+        u, v, p, q = inner.box
+        within = x < u and y < v and u + p < x + w and v + q < y + h
+        large = max(MIN_HOLE_SHARE * shape.area, MIN_AREA) <= inner.area < shape.area
+        column, row = inner.outer.T
+        if not within or not large or taken[row, column].any():
+            continue
+        if all(shape.depth_at(*at) > MIN_RIM for at in inner.boundary_points(RIM_SAMPLES).tolist()):
+            chains.append(inner.outer)
+            cv2.drawContours(taken, [inner.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
+    return chains
+
+
 def holes_on_ground(planes: Planes, shape: Silhouette, holes: Sequence[Contour]) -> list[Contour]:
     """Those holes of a silhouette whose inside is the ground: print has other colours, or several.
 
@@ -170,7 +196,7 @@ def holes_on_ground(planes: Planes, shape: Silhouette, holes: Sequence[Contour])
     around = cv2.dilate(shape.filled_window(window), np.ones((2 * PATCH - 3,) * 2, np.uint8)) == 0
     if not around.any():
         return list(holes)
-    light = _light_over_ground(patches, around)
+    light = _fit_ground_light(patches, around)
     seen, patches = seen - light, patches - light
     beside = patches[around][:: max(1, np.count_nonzero(around) // GROUND_SAMPLES)]
     noise = np.hypot([robust_sd(plane) for plane in beside.T], [LIGHTNESS, CHROMA, CHROMA][: beside.shape[1]])
@@ -191,7 +217,7 @@ def holes_on_ground(planes: Planes, shape: Silhouette, holes: Sequence[Contour])
     return kept
 
 
-def _light_over_ground(patches: Planes, around: Bools) -> Planes:
+def _fit_ground_light(patches: Planes, around: Bools) -> Planes:
     """(h, w, C) what light and lens make of the ground's colours (h, w, C): surfaces of second order in the image, fitted
     where the ground is seen; what lies on it counts little."""
     rows, columns = np.nonzero(around)
@@ -199,10 +225,13 @@ def _light_over_ground(patches: Planes, around: Bools) -> Planes:
     height, width = around.shape
     y, x = (np.linspace(-1.0, 1.0, n) for n in (height, width))
 
-    def terms(u: Floats, v: Floats) -> Floats:
+    def quadratic_terms(u: Floats, v: Floats) -> Floats:
         return np.stack(np.broadcast_arrays(np.ones_like(u), u, v, u * u, u * v, v * v), axis=-1)
 
-    at, seen = terms(x[columns[::step]], y[rows[::step]]), patches[rows[::step], columns[::step]].astype(np.float64)
+    at, seen = (
+        quadratic_terms(x[columns[::step]], y[rows[::step]]),
+        patches[rows[::step], columns[::step]].astype(np.float64),
+    )
     fitted = np.zeros((at.shape[1], seen.shape[1]))
     for k in range(seen.shape[1]):
         weight, level = np.ones(len(at)), seen[:, k]
@@ -212,4 +241,4 @@ def _light_over_ground(patches: Planes, around: Bools) -> Planes:
             weight = 1.0 / (1.0 + (away / max(robust_sd(away), LIGHTNESS)) ** 2)
             normal = at.T @ (weight[:, None] * at) + TOLERANCE * len(at) * np.eye(at.shape[1])
             fitted[:, k] = np.linalg.solve(normal, at.T @ (weight * level))
-    return np.asarray(terms(*np.meshgrid(x, y)) @ fitted, dtype=np.float32)
+    return np.asarray(quadratic_terms(*np.meshgrid(x, y)) @ fitted, dtype=np.float32)
