@@ -337,3 +337,24 @@ def test_what_slides_along_its_outline_under_compression_goes_with_the_ground() 
         if result.contacts is not None:
             off.append(float(np.hypot(*(result.contacts - frame.truth.carry_points(start.contacts)).T).max()))
     assert len(off) >= 3 and max(off) < 6.0, off
+
+
+@pytest.mark.parametrize("kept", [1.0, 0.9, 0.8, 0.7, 0.6, 0.0])
+def test_a_surface_that_changes_little_by_little_is_no_other_one(kept: float) -> None:
+    """As the grain that an encoder makes of noise; what changes all at once is another object."""
+    rng, run = np.random.default_rng(5), Run()
+
+    def new_grain() -> np.ndarray:
+        grain = cv2.GaussianBlur(rng.standard_normal((160, 160)), (0, 0), 2.0)
+        return grain / grain.std()
+
+    grain = new_grain()
+    for k in range(16):
+        if k >= 4:
+            share = kept if kept or k == 4 else 1.0
+            grain = share * grain + np.sqrt(1.0 - share**2) * new_grain()
+        surface = TextureMap(np.clip(DARK + 12.0 * grain, 0, 255).astype(np.uint8), 1.5)
+        H = pose(150.0 + 2 * k, 120.0 + k, 1.0 * k)
+        run.see(photo([(BRACKET, H)], surface=surface, seed=k), None if kept == 0.0 and k >= 4 else H)
+    run.check()
+    assert kept == 0.0 or run.statuses == ["tracked"] * 16

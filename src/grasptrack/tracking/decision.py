@@ -173,6 +173,7 @@ class Expected(NamedTuple):
         turned: log of the prior of what may have turned so, instead of place, turn and size.
         on_ground: whether the ground has them there, and that place was not seen without it.
         unseen: as `steps`, had its place not been seen without it; 0 where no image before showed it.
+        goes_on: log odds that what lies at an estimate shows what lay there in the last image; None where it was lost then.
     """
 
     contacts: Floats
@@ -185,6 +186,7 @@ class Expected(NamedTuple):
     turned: Callable[[PoseEstimate], float] | None = None
     on_ground: bool = False
     unseen: float = 0.0
+    goes_on: Callable[[PoseEstimate], float] | None = None
 
 
 class ExpectedSize(NamedTuple):
@@ -343,7 +345,9 @@ def decide_pose(
     variance = worst_variance(chosen.covariance) * numbers.inflate**2
     absent = elsewhere / (own + elsewhere)
     outside = math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
-    other = wrong_object_probability(state, chosen, expected.steps, surfaces[best])
+    strange = surfaces[best].log_odds < 0.0  # asked of nothing else: it takes time
+    goes_on = expected.goes_on(chosen) if expected.goes_on is not None and strange else 0.0
+    other = wrong_object_probability(state, chosen, expected.steps, surfaces[best], goes_on)
     apart = apart_probability(state, chosen)
     false_edge = outline_open_probability(state, chosen)
     fixed = fixed_probability(state, chosen, marks, allowed)

@@ -125,7 +125,11 @@ def power_surprisal(share: float, power: float) -> float:
 
 
 def wrong_object_probability(
-    state: TrackState, estimate: PoseEstimate, steps: float, surface: SurfaceEvidence | None = None
+    state: TrackState,
+    estimate: PoseEstimate,
+    steps: float,
+    surface: SurfaceEvidence | None = None,
+    goes_on: float = 0.0,
 ) -> float:
     """Probability that something else was taken for the object: its outline differs somewhere, or its surface everywhere.
 
@@ -134,6 +138,8 @@ def wrong_object_probability(
         estimate: of what was seen.
         steps: how long the object may have gone unseen, in frames of free motion.
         surface: that of the estimate, where it is known already.
+        goes_on: log odds that it shows what the last image showed of the object: what fades from image to image, as the
+            grain that an encoder made of noise, is not exchanged.
     """
     numbers = state.numbers
     surface = surface or surface_evidence(estimate.correlation, state.usual, numbers)
@@ -158,7 +164,7 @@ def wrong_object_probability(
     prior = min(EXCHANGED, prior + numbers.hazard * state.lost * departure_probability(steps, numbers))
     odds = prior * math.exp(min(MAX_EXPONENT, shape))
     if state.accepted:  # until then an image may show another of its kind, or the same in other light
-        odds += other_surface_odds(surface.log_odds, numbers)
+        odds += other_surface_odds(surface.log_odds, numbers) * math.exp(-max(0.0, goes_on))
     return odds / (1.0 + odds)
 
 

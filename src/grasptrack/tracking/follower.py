@@ -35,7 +35,7 @@ from grasptrack.tracking.evidence import (
     texture_evidence,
 )
 from grasptrack.tracking.fixed_patches import forget_fixed_patches
-from grasptrack.tracking.hypotheses import Predictions, predict_hypotheses
+from grasptrack.tracking.hypotheses import Predictions, predict_hypotheses, surface_goes_on
 from grasptrack.tracking.learning import learn, lose
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.patches import self_similar_shifts
@@ -280,7 +280,10 @@ class Follower:
         forget_fixed_patches(self.state)
         self.state.advance(time)
         predictions = predict_hypotheses(self.state, levels)
-        return predictions, self._expected_location(predictions)
+        expected = self._expected_location(predictions)
+        if not self.state.lost:
+            expected = expected._replace(goes_on=partial(surface_goes_on, self.state, levels))
+        return predictions, expected
 
     def _among_surroundings(
         self, decision: Decision, levels: list[Grey], predictions: Predictions, solutions: Solutions

@@ -16,6 +16,7 @@ from grasptrack.tracking.patches import LEAST_NOISE
 from grasptrack.tracking.pose import (
     Hypothesis,
     Look,
+    PoseEstimate,
     contact_tolerance,
     distinct_hypotheses,
     largest_sigma,
@@ -32,6 +33,8 @@ MIN_PLACES = 8
 """Patches that a motion must rest on."""
 ALL_AGREE, PLENTY_AGREE, ENOUGH_AGREE = 0.9, 0.6, 0.25
 """Shares of the places that agree on a motion for no other start to be tried, none to be likelier, and it to be believed."""
+AGREE_BY_CHANCE = 0.1
+"""Share of a surface's patches that agrees with another surface in its place; of exchanged parts 0 to 0.11 do."""
 MOST_BY_CHANCE = 0.999
 """Share of the places that agrees by chance, at most, where the logarithm of the rest is taken."""
 WIDER_START = 4.0
@@ -186,6 +189,20 @@ def ground_gone_far(state: TrackState, levels: list[Grey], starts: list[Hypothes
         if told < -math.log(numbers.risk):
             return None
     return best
+
+
+def surface_goes_on(state: TrackState, levels: list[Grey], estimate: PoseEstimate) -> float:
+    """Log odds that the surface at an estimate is what the last image showed of the object: more of its patches agree, and
+    there, than do by chance."""
+    target, last = state.target, state.last
+    agreeing = places = 0.0
+    for _, centres, stride in target.recipe.textures[: len(estimate.correlation)]:
+        strides = np.array([stride], dtype=np.float64)
+        flow = target.handle.follow(last.levels, last.G, levels, estimate.G, estimate.P, centres, strides)
+        limit = contact_tolerance(estimate.area, state.numbers)
+        there = flow.valid and max_contact_distance(target.carried_contacts(flow.G), estimate.contacts) < limit
+        agreeing, places = agreeing + there * flow.agreeing * len(centres), places + len(centres)
+    return state.numbers.temper * Agreement(agreeing, places).log_odds(AGREE_BY_CHANCE) if places else 0.0
 
 
 @cache
