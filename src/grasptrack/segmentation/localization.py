@@ -35,8 +35,9 @@ HIDDEN_MARGIN = 3.0
 
 MIN_SHARPNESS = 0.5
 """Least strength of a hole's edge relative to the outer one, ..."""
-MOST_SHARP = 0.8
-"""... and the share of it, beside that of the outer one, that is as strong; print is seldom as sharp."""
+MOST_SHARP, MOSTLY_SHARP = 0.8, 0.7
+"""... and the share of it, beside that of the outer one, that is as strong; print is seldom as sharp. If less of the outer one
+is, as under a glare, it is no measure."""
 HOLE_CONTRAST = 0.25
 """A hole shows the same background as around the object, within this fraction of the contrast."""
 MAX_HOLES = 12
@@ -122,9 +123,9 @@ def _localize_hole(
     strength, reference = hole.contour.strength, outer.contour.strength
     if strength is None or reference is None:
         return None
-    # noise and blur lead points astray on both; where edges of either sign count grain has as many
+    # noise leads points astray on both; where edges of either sign count grain has as many
     sharp, usual = (float((s >= MIN_SHARPNESS * np.median(reference)).mean()) for s in (strength, reference))
-    if sharp < MOST_SHARP * (usual if polarity else 1.0):
+    if sharp < MOST_SHARP * (usual if polarity and usual > MOSTLY_SHARP else 1.0):
         return None
     if polarity and not abs(hole.outside - outer.outside) <= HOLE_CONTRAST * abs(outer.outside - outer.inside):
         return None
