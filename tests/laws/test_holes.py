@@ -31,7 +31,7 @@ def image_of(*, dark: float, blur: float, noise: float, ground: float = 190.0, i
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
-@given(dark=st.floats(0.0, 0.5), blur=st.floats(0.6, 3.0), noise=st.floats(0.5, 6.0))
+@given(dark=st.floats(0.0, 0.5), blur=st.floats(0.6, 2.0), noise=st.floats(0.5, 6.0))
 def test_a_hole_is_found_under_vignette_blur_and_noise(dark: float, blur: float, noise: float) -> None:
     found = gt.first_look(image_of(dark=dark, blur=blur, noise=noise))[0].view
     assert len(found.contours) == 2
