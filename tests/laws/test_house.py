@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 45_798,
-    "src/grasptrack/tracking": 10_530,
+    "src/grasptrack": 45_796,
+    "src/grasptrack/tracking": 10_528,
     "src/grasptrack/servo": 4_908,
     "src/grasptrack/io": 6_903,
     "src/grasptrack/segmentation": 4_530,

@@ -345,9 +345,7 @@ def decide_pose(
     variance = worst_variance(chosen.covariance) * numbers.inflate**2
     absent = elsewhere / (own + elsewhere)
     outside = math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
-    strange = surfaces[best].log_odds < 0.0  # asked of nothing else: it takes time
-    goes_on = expected.goes_on(chosen) if expected.goes_on is not None and strange else 0.0
-    other = wrong_object_probability(state, chosen, expected.steps, surfaces[best], goes_on)
+    other = wrong_object_probability(state, chosen, expected.steps, surfaces[best], expected.goes_on)
     apart = apart_probability(state, chosen)
     false_edge = outline_open_probability(state, chosen)
     fixed = fixed_probability(state, chosen, marks, allowed)

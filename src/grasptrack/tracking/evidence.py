@@ -2,6 +2,7 @@
 """Log-likelihood ratios: what surface and outline of an estimate say for the object, and against it."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -129,7 +130,7 @@ def wrong_object_probability(
     estimate: PoseEstimate,
     steps: float,
     surface: SurfaceEvidence | None = None,
-    goes_on: float = 0.0,
+    goes_on: Callable[[PoseEstimate], float] | None = None,
 ) -> float:
     """Probability that something else was taken for the object: its outline differs somewhere, or its surface everywhere.
 
@@ -138,8 +139,8 @@ def wrong_object_probability(
         estimate: of what was seen.
         steps: how long the object may have gone unseen, in frames of free motion.
         surface: that of the estimate, where it is known already.
-        goes_on: log odds that it shows what the last image showed of the object: what fades from image to image, as the
-            grain that an encoder made of noise, is not exchanged.
+        goes_on: log odds that an estimate shows what the last image showed of the object: what fades from image to image, as
+            the grain that an encoder made of noise, is not exchanged. Asked only where the surface speaks against it.
     """
     numbers = state.numbers
     surface = surface or surface_evidence(estimate.correlation, state.usual, numbers)
@@ -164,7 +165,8 @@ def wrong_object_probability(
     prior = min(EXCHANGED, prior + numbers.hazard * state.lost * departure_probability(steps, numbers))
     odds = prior * math.exp(min(MAX_EXPONENT, shape))
     if state.accepted:  # until then an image may show another of its kind, or the same in other light
-        odds += other_surface_odds(surface.log_odds, numbers) * math.exp(-max(0.0, goes_on))
+        faded = goes_on(estimate) if goes_on is not None and surface.log_odds < 0.0 else 0.0
+        odds += other_surface_odds(surface.log_odds, numbers) * math.exp(-max(0.0, faded))
     return odds / (1.0 + odds)
 
 

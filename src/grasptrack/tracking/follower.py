@@ -280,10 +280,8 @@ class Follower:
         forget_fixed_patches(self.state)
         self.state.advance(time)
         predictions = predict_hypotheses(self.state, levels)
-        expected = self._expected_location(predictions)
-        if not self.state.lost:
-            expected = expected._replace(goes_on=partial(surface_goes_on, self.state, levels))
-        return predictions, expected
+        goes_on = None if self.state.lost else partial(surface_goes_on, self.state, levels)
+        return predictions, self._expected_location(predictions)._replace(goes_on=goes_on)
 
     def _among_surroundings(
         self, decision: Decision, levels: list[Grey], predictions: Predictions, solutions: Solutions
