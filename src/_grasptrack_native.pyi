@@ -528,7 +528,7 @@ class PoseEstimate:
         log_odds: of the outline, this object, partly hidden, against none such.
         elsewhere: share of the outline whose edge lies elsewhere.
         astray: log-likelihood ratio of these edges, of something else against light that hides them and a pose a little off.
-        other_shape: log-likelihood ratio of another shape, -1 where nothing tells.
+        other_shape: log-likelihood ratio of another shape, -1 where nothing tells; to be written, where more does.
         differs: (n,) its probability at each sample, (0,) where the outline has too few samples to be looked at.
         hidden: share of the outline that is hidden, to be written.
         covered: that, or has its edge elsewhere.

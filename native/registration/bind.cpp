@@ -466,7 +466,7 @@ void bind_registration(nb::module_ &m) {
         .def_ro("log_odds", &Solved::log_odds)
         .def_ro("elsewhere", &Solved::elsewhere)
         .def_ro("astray", &Solved::astray)
-        .def_ro("other_shape", &Solved::other_shape)
+        .def_rw("other_shape", &Solved::other_shape)
         .def_prop_ro("differs", array_of<PoseEstimate>(&Solved::differs))
         .def_prop_ro("covered", [](const PoseEstimate &e) { return e.hidden + e.elsewhere; })
         .def_rw("hidden", &PoseEstimate::hidden)

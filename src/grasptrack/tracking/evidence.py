@@ -243,11 +243,22 @@ def fixed_probability(state: TrackState, estimate: PoseEstimate, marks: FixedMar
     target = state.target
     if marks is None or not marks.still or not stands_at(target, estimate.G, marks.G):
         return 0.0
+    if is_surface_proven(state) and texture_evidence(state, estimate) > -math.log(state.numbers.risk):
+        return 0.0
     there = marks.object_pose
     if there is not None and max_contact_distance(target.carried_contacts(there), estimate.contacts) <= allowed:
         return 0.0
     odds = state.numbers.fixed * math.exp(max(0.0, outline_surprisal(estimate, state.numbers) - state.strange))
+    if not state.shown_in.any():  # of places where it may lie on ground that moves, the first view's is one
+        first, now = (apply_homography(G, target.outline) for G in (target.A, estimate.G))
+        beside = max(STILL_FROM, max_contact_distance(first, now))
+        odds *= max(1.0, math.hypot(*marks.left) / beside) ** 2
     return odds / (1.0 + odds)
+
+
+def is_surface_proven(state: TrackState) -> bool:
+    """Whether most of its patches were seen where the first image had none of them: they are not fixed in the image."""
+    return 2 * sum(int(left.sum()) for left in state.unasked) <= sum(state.target.counts)
 
 
 def stands_at(target: Target, G: Floats, there: Floats) -> bool:

@@ -182,7 +182,7 @@ class Follower:
         predictions, expected = self._predict_next(levels, time)
         state, target, risk = self.state, self.target, self.state.numbers.risk
         first = self.redetection.worth_solving(levels, predictions.first) if state.lost else predictions.first
-        solutions = Solutions(state, levels, expected, first, predictions.background, is_taken)
+        solutions = Solutions(state, levels, expected, first, predictions.ground, is_taken)
         decision = solutions.decide_among()
         if decision.is_accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
             # texture may have slid along itself
@@ -248,7 +248,7 @@ class Follower:
         levels = build_pyramid(grey)
         predictions, expected = self._predict_next(levels, time)
         state = self.state
-        solutions = Solutions(state, levels, expected, predictions.first, predictions.background)
+        solutions = Solutions(state, levels, expected, predictions.first, predictions.ground)
         found = answer = solutions.decide_among()
         if not found.is_accepted:
             self._look_if_gone(levels, predictions, solutions)

@@ -92,9 +92,7 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
         state.sightings.pass_image(state.passed_s)
     if not decision.is_accepted:  # where it is, is known only roughly
         return
-    if state.sightings.have_moved(e.contacts, numbers).all():
-        state.shown_in += 1
-        state.shown = e.visible if state.shown_in == 1 else state.shown + (e.visible - state.shown) / state.shown_in
+    _learn_shown(state, e)
     state.exchanged, state.sighted, state.gone = 0.0, None, False
     state.slope = math.sqrt(e.P[6, 6] + e.P[7, 7]) / (0.5 * target.size)
     state.located, state.light = state.last, e.light
@@ -245,6 +243,16 @@ def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predic
 def _updated_mean(mean: float, value: float, count: int) -> float:
     """A mean over the latest images, with the value of another one, the `count`-th."""
     return mean + (value - mean) * (1.0 / min(count, MEMORY))
+
+
+def _learn_shown(state: TrackState, estimate: PoseEstimate) -> None:
+    """How much of each sample of the outline is seen where it has left its first place: what stands there has not."""
+    first, now = (apply_homography(G, state.target.points) for G in (state.target.A, estimate.G))
+    moved = np.hypot(*(now - first).T) >= STILL_FROM
+    if not len(state.shown_in):
+        state.shown, state.shown_in = np.zeros(len(moved)), np.zeros(len(moved))
+    state.shown_in = state.shown_in + moved
+    state.shown = state.shown + moved * (estimate.visible - state.shown) / np.maximum(state.shown_in, 1.0)
 
 
 def _learn_thickness(state: TrackState, estimate: PoseEstimate, new: float) -> None:

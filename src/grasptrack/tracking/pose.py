@@ -107,11 +107,13 @@ class FixedMarks(NamedTuple):
         G: (3, 3) the pose at which they show that surface.
         object_pose: (3, 3) where the object itself is, by its outline or the ground; None where neither tells it.
         still: they stood still while the object moved on.
+        left: (x, y) px by which the ground has moved on there since.
     """
 
     G: Floats
     object_pose: Floats | None
     still: bool
+    left: tuple[float, float] = (0.0, 0.0)
 
 
 def lead_alike(target: Target, one: Hypothesis | PoseEstimate, other: Hypothesis | PoseEstimate) -> bool:

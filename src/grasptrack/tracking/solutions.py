@@ -13,12 +13,14 @@ from grasptrack.tracking.evidence import (
     STILL_FROM,
     astray_share,
     expected_texture,
+    is_surface_proven,
     outline_evidence,
     pose_evidence,
     stands_at,
     texture_evidence,
 )
 from grasptrack.tracking.fixed_patches import ALONE, against_fixed_surface, estimate_at_rest
+from grasptrack.tracking.hypotheses import AGREE_DISTANCE
 from grasptrack.tracking.pose import (
     CONTINUOUS,
     SAME_PLACE,
@@ -34,7 +36,7 @@ from grasptrack.tracking.pose import (
     sane_area,
     worst_variance,
 )
-from grasptrack.tracking.state import MAX_LOG_ODDS, TrackState
+from grasptrack.tracking.state import MAX_LOG_ODDS, SEEN, TrackState
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
 
@@ -46,6 +48,12 @@ DISAGREE_FROM = 2.0
 """Squared distance, by what is known of both, from which on an answer lies elsewhere than where outline and ground have it."""
 PUSHED = 1e-4
 """Probability that an object at rest is pushed from one image to the next, and in just the way in which its outline slides."""
+FALSE_PIECE = 0.05
+"""Probability that a first outline has taken in a piece of something that lies over the image."""
+LEAST_ODDS = 1.0
+"""Log odds of another shape from which on it is asked whether the first outline is false instead."""
+BESIDE = 2
+"""Samples to either side of one that a view has to have shown with it."""
 ROOM = 0.5
 """Share of the standard deviation that an answer may have, up to which the outline alone fixes every contact: that the surface
 says otherwise comes on top."""
@@ -59,7 +67,7 @@ class Solutions:
         levels: the image's pyramid.
         expected: what continuity says of the image.
         hypotheses: to begin with.
-        background: (3, 3) where the ground has the object; None where that is not known.
+        ground: where the ground has the object, as exactly as this image tells; None where it does not.
         is_taken: whether another object surely lies where an estimate has this one; None where no other is followed.
 
     Attributes:
@@ -75,10 +83,10 @@ class Solutions:
         levels: list[Grey],
         expected: Expected,
         hypotheses: list[Hypothesis],
-        background: Floats | None = None,
+        ground: Hypothesis | None = None,
         is_taken: Callable[[PoseEstimate], bool] | None = None,
     ) -> None:
-        self._background, self._is_taken = background, is_taken
+        self._ground, self._is_taken = ground, is_taken
         self.found: list[PoseEstimate] = []
         self.expected = expected
         self._state, self._levels = state, levels
@@ -124,7 +132,9 @@ class Solutions:
                 estimate = self._against_shutter(estimate, hypothesis)
             estimate = self._against_outline(estimate, hypothesis.G, still=still)
             estimate = self._against_ground(estimate, still=still)
-            self.found.append(self._against_fixed_surface(estimate, still=still))
+            self.found.append(
+                self._against_false_pieces(self._against_fixed_surface(estimate, still=still), still=still)
+            )
 
     def _against_shutter(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> PoseEstimate:
         """An estimate, or the one through a shutter that is open but for a moment, if this and former images speak for that.
@@ -183,13 +193,11 @@ class Solutions:
         """
         state, target, numbers = self._state, self._state.target, self._state.numbers
         own, least = astray_share(state, estimate), numbers.contradicted
-        ground = self._background
-        if ground is not None and not self._stands_still(estimate, ground):
-            ground = None
+        ground = self._ground_moved_on(estimate)
         # else nothing was taken for its surface, or what comes back does not show what moved meanwhile
         shown = not state.lost and texture_evidence(state, estimate) > 0.0
-        if ground is not None and shown:
-            self._note_marks(estimate, ground, still=True)
+        if ground is not None and not state.lost:
+            self._note_marks(estimate, ground, still=True, on_ground=True)
         if (own < least and ground is None) or not estimate.texture_agreeing:
             return estimate
         start = estimate.G
@@ -226,13 +234,13 @@ class Solutions:
         Where an encoder carries blocks of a plain surface along, nothing but the ground on which it rests tells how far it
         slid: that it was pushed in just this way is less probable than that its surface fails.
         """
-        state, target, numbers, ground = self._state, self._state.target, self._state.numbers, self._background
+        state, target, numbers, ground = self._state, self._state.target, self._state.numbers, self._ground
         if ground is None or not target.slides or not estimate.texture_agreeing:
             return estimate
         if state.lost or state.wander >= numbers.predicted:  # it need not rest where it did
             return estimate
         P = target.noise_of_motion * state.wander**2 + state.P
-        resting = Hypothesis(estimate.origin, ground, P)
+        resting = Hypothesis(estimate.origin, ground.G, P)
         other = estimate_pose(state, self._levels, resting, still=still, surface=False)
         if other is None or target.handle.joined(other.G, other.P, estimate.G, estimate.P)[0] < DISAGREE_FROM:
             return estimate
@@ -247,9 +255,8 @@ class Solutions:
     def _against_fixed_surface(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate:
         """An estimate, against a surface that may all be fixed in the image: its patches have not moved, the outline has."""
         state, target, numbers = self._state, self._state.target, self._state.numbers
-        proven = 2 * sum(int(left.sum()) for left in state.unasked) <= sum(target.counts)
         way = max_contact_distance(estimate.contacts, target.carried_contacts(target.A))
-        if proven or way < STILL_FROM or texture_evidence(state, estimate) <= 0.0:
+        if is_surface_proven(state) or way < STILL_FROM or texture_evidence(state, estimate) <= 0.0:
             return estimate
         self._at_rest = self._at_rest or estimate_at_rest(state, self._levels)
         if self._at_rest is None:
@@ -257,6 +264,30 @@ class Solutions:
         if outline_evidence(estimate, numbers) - outline_evidence(self._at_rest, numbers) < -math.log(numbers.fixed):
             return estimate
         return against_fixed_surface(state, self._levels, estimate, self._at_rest, still=still)
+
+    def _against_false_pieces(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate:
+        """An estimate, of another shape only as far as the pieces that differ are none that the first outline took in.
+
+        So may be a line over the image, or a letter, that joined the object there: no view has shown it since the object
+        moved, and the rest of the outline alone says the same.
+        """
+        state, odds = self._state, estimate.other_shape
+        if not odds > LEAST_ODDS:
+            return estimate
+        unproven = odds
+        if len(state.shown_in):
+            near = np.min([np.roll(state.shown, step) for step in (-BESIDE, 0, BESIDE)], axis=0)
+            unproven *= float(estimate.differs @ (near < SEEN)) / float(estimate.differs.sum())
+        if unproven < LEAST_ODDS:
+            return estimate
+        alone = self._outline_alone(estimate, [estimate.G], still=still)
+        if alone is None or not self._is_whole(alone):
+            return estimate
+        if max_contact_distance(alone.contacts, estimate.contacts) > contact_tolerance(estimate.area, state.numbers):
+            return estimate
+        found = changed_estimate(estimate)
+        found.other_shape = odds - math.log1p(FALSE_PIECE * math.exp(min(unproven, MAX_LOG_ODDS)))
+        return found
 
     def _outline_alone(self, estimate: PoseEstimate, starts: list[Floats], *, still: bool) -> PoseEstimate | None:
         """What the outline says alone from poses (3, 3), or from where it was when it contradicted the same surface before."""
@@ -270,13 +301,25 @@ class Solutions:
             found += [] if other is None else [other]
         return max(found, key=lambda other: outline_evidence(other, state.numbers), default=None)
 
-    def _note_marks(self, estimate: PoseEstimate, there: Floats, *, still: bool) -> None:
+    def _note_marks(self, estimate: PoseEstimate, there: Floats, *, still: bool, on_ground: bool = False) -> None:
         """Take what an estimate shows as fixed in the image, the object being elsewhere: surely, if it alone stands still."""
-        marks = self.marks
-        if marks is not None and stands_at(self._state.target, estimate.G, marks.G):
-            self.marks = FixedMarks(marks.G, there, marks.still or still)
+        marks, before, target = self.marks, self._state.marks, self._state.target
+        left = (0.0, 0.0) if before is None or not stands_at(target, estimate.G, before.G) else before.left
+        if on_ground:
+            (x, y), (u, v) = (apply_homography(G, target.centre[None])[0] for G in (there, self._state.last.G))
+            left = left[0] + x - u, left[1] + y - v
+        if marks is not None and stands_at(target, estimate.G, marks.G):
+            self.marks = FixedMarks(marks.G, there, marks.still or still, left if on_ground else marks.left)
         else:
-            self.marks = FixedMarks(estimate.G, there, still)
+            self.marks = FixedMarks(estimate.G, there, still, left)
+
+    def _ground_moved_on(self, estimate: PoseEstimate) -> Floats | None:
+        """(3, 3) where the ground has the object, if it surely moves on from an estimate that stands still."""
+        ground = self._ground
+        if ground is None or not self._stands_still(estimate, ground.G):
+            return None
+        away = self._state.target.handle.joined(ground.G, ground.P, estimate.G, estimate.P)[0]
+        return ground.G if away > AGREE_DISTANCE else None
 
     def _stands_still(self, estimate: PoseEstimate, elsewhere: Floats) -> bool:
         """Whether an answer leaves the object where the first or last image had it, while another pose (3, 3) moves it on."""

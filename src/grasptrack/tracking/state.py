@@ -285,8 +285,8 @@ class TrackState:
         sightings: of the contacts.
         stale: work px^2, how far patches lag that lag together, as far as a video's encoder leaves them as they were.
         flow_misfit: squared distances of the surface's motion from what outline and first view then say, by their expectation.
-        shown: (N,) 0 to 1: how much of each sample of the outline accepted images showed on average, once the object had moved.
-        shown_in: so many of them.
+        shown: (N,) 0 to 1: how much of each sample of the outline accepted images showed on average, once it had moved there.
+        shown_in: (N,) so many of them.
         steps: time from the last image but one to the last, or to the one that is looked at, in usual intervals.
         passed_s, usual_s: the same in s, and what was usual of late; None before the object moved.
         inner_spread: grey levels, see `Numbers.other_spread`.
@@ -343,7 +343,7 @@ class TrackState:
     stale: FadingRatio = field(default_factory=lambda: FadingRatio(0.0, STALE_PRIOR))
     flow_misfit: FadingRatio = field(default_factory=lambda: FadingRatio(FLOW_PRIOR, FLOW_PRIOR))
     shown: Floats = field(default_factory=nothing_visible)
-    shown_in: int = 0
+    shown_in: Floats = field(default_factory=nothing_visible)
     visible: Floats = field(default_factory=nothing_visible)
     velocity: Floats | None = None
     velocity_P: Floats = field(default_factory=lambda: np.zeros((8, 8)))
