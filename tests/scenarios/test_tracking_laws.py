@@ -96,7 +96,7 @@ def test_a_plain_part_does_not_slide_on_itself(shape: str, seed: int, frames: in
         ("ellipse", 0, 5, 0),  # lamps' reflection, with which the outline goes in any case
         ("knife", 0, 5, 10),  # a crosshair over a print
         ("slotted-disc", 0, 9403, 0),  # a crosshair that is the first outline: it stands still, and the ground moves on
-        ("spanner", 0, 9401, 15),  # a crosshair, and the outline along it: pieces that no later view shows are no other shape
+        ("spanner", 0, 9401, 15),  # a crosshair: pieces that no later view shows are no other shape
         ("hinge", 0, 9403, 20),  # letters at the border, likewise
     ],
 )
