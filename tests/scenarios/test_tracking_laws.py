@@ -124,6 +124,11 @@ def test_noise_of_a_compressed_image_is_no_surface_that_can_be_another() -> None
     assert all(f.answered for f in never_wrong("spanner", "jpeg", frames=12, seed=5))
 
 
+def test_texture_that_an_encoder_made_of_noise_fades_and_is_no_other_surface() -> None:
+    """It says 49, 11, 0, -5 nats in four images: what goes on to fade is not exchanged."""
+    assert all(f.answered for f in never_wrong("gear", "h264", frames=40, seed=9407))
+
+
 def test_a_line_beyond_a_solid_part_is_none_of_its_outline() -> None:
     mask = np.zeros((300, 300), np.uint8)
     mask[100:200, 100:200] = mask[148:151, 200:] = 255

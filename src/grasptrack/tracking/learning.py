@@ -288,6 +288,7 @@ def _learn_slip(state: TrackState, estimate: PoseEstimate) -> None:
 def _learn_looks(state: TrackState, estimate: PoseEstimate) -> None:
     """How much of outline and patches usually looks as it did first: noise, reflections and blur make it less."""
     state.accepted += 1
+    state.surfaces = texture_evidence(state, estimate), state.surfaces[0]
     share = 1.0 / (min(state.accepted, MEMORY) + FIRST_IMAGES)
     state.elsewhere = estimate.elsewhere if estimate.confirmed else min(state.elsewhere, estimate.elsewhere)
     strange = outline_surprisal(estimate, state.numbers)

@@ -294,6 +294,7 @@ class TrackState:
         light: gain and bias of the surface there, from the first view on.
         lost: images since it was located; accepted: images in which it was.
         strange: usual strangeness of the outline: edges that no light shows, or not where the first view had them.
+        surfaces: log odds of its surface in the last two accepted images, the latest first.
         agreeing: share of the surface's patches that agreed, on average of all accepted images.
         elsewhere: share of the outline whose edge lies elsewhere although a second solution was tried.
         confirmed: strangeness of the last image, if other hypotheses led to the same answer there.
@@ -358,6 +359,7 @@ class TrackState:
     lost: int = 0
     accepted: int = 0
     strange: float = 0.0
+    surfaces: tuple[float, float] = (0.0, 0.0)
     agreeing: float = 1.0
     elsewhere: float = 0.0
     confirmed: float = 0.0
