@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -157,17 +157,9 @@ class FirstImage:
     def without_distortion(self, lens: Undistortion) -> FirstImage:
         """The same of the image without its lens's distortion."""
 
-        def moved(points: tuple[Point, ...]) -> tuple[Point, ...]:
-            return _parsed_points(lens.straight_points(np.array(points)), "a pixel") if points else ()
-
         background = None if self.background is None else _resized_background(self.background, *lens.size)
         return replace(
-            self,
-            object_at=moved(self.object_at),
-            not_at=moved(self.not_at),
-            box=None if self.box is None else lens.straight_box(self.box),
-            outline=None if self.outline is None else lens.straight_points(self.outline),
-            grasp=None if self.grasp is None else Grasp(lens.straight_points(self.grasp.contacts)),
+            self._with_places(lens.straight_points, lens.straight_box),
             ignore=lens.ignored_pixels(self.ignore),
             background=None if background is None else lens.straight_image(background),
             more=()
@@ -178,21 +170,44 @@ class FirstImage:
     def in_window(self, left: int, top: int, right: int, bottom: int) -> FirstImage:
         """The same of a part of the image that it fits."""
 
-        def moved(points: tuple[Point, ...]) -> tuple[Point, ...]:
-            return tuple((x - left, y - top) for x, y in points)
-
         def cut_out(image: Any) -> Any:
             return None if image is None else np.ascontiguousarray(image[top:bottom, left:right])
+
+        return replace(
+            self._with_places(lambda points: points - (left, top), lambda box: (box[0] - left, box[1] - top, *box[2:])),
+            hidden=cut_out(self.hidden),
+            background=cut_out(self.background),
+        )
+
+    def moved_by(self, motion: Floats) -> FirstImage:
+        """The same of a later image, to which an affine motion (2, 3) of the bench takes px of this one; masks stay."""
+
+        def moved(points: Floats) -> Floats:
+            return np.asarray(points @ motion[:, :2].T + motion[:, 2], dtype=np.float64)
+
+        def moved_box(box: Box) -> Box:
+            left, top, width, height = box
+            corners = moved(
+                np.array([[left, top], [left + width, top], [left, top + height], [left + width, top + height]])
+            )
+            (x, y), (u, v) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+            return x, y, u - x, v - y
+
+        return self._with_places(moved, moved_box)
+
+    def _with_places(self, move: Callable[[Floats], Floats], move_box: Callable[[Box], Box]) -> FirstImage:
+        """The same where `move` takes pixels (n, 2), and `move_box` a box."""
+
+        def moved(points: tuple[Point, ...]) -> tuple[Point, ...]:
+            return tuple((x, y) for x, y in move(np.array(points)).tolist()) if points else ()
 
         return replace(
             self,
             object_at=moved(self.object_at),
             not_at=moved(self.not_at),
-            box=None if self.box is None else (self.box[0] - left, self.box[1] - top, *self.box[2:]),
-            outline=None if self.outline is None else self.outline - (left, top),
-            grasp=None if self.grasp is None else Grasp(self.grasp.contacts - (left, top)),
-            hidden=cut_out(self.hidden),
-            background=cut_out(self.background),
+            box=None if self.box is None else move_box(self.box),
+            outline=None if self.outline is None else move(self.outline),
+            grasp=None if self.grasp is None else Grasp(move(self.grasp.contacts)),
         )
 
     def within(self, shape: tuple[int, ...]) -> FirstImage:

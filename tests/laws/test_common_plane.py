@@ -4,7 +4,7 @@
 from functools import cache
 
 import numpy as np
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from grasptrack.geometry.contours import Contour, View
@@ -131,8 +131,10 @@ def test_under_one_tilt_parts_that_all_slid_as_far_are_told(seed: int, count: in
     slid, left = EXACT + 4.0 * np.outer(SLIDE, SLIDE), []
     for taught in (None, lay):
         given_poses = [PlanePose(0, target(), G, slid, SIZE, taught) for G in found]
-        off = CommonPlane.of(given_poses).prior_of(0, given_poses[0], slid)[0]
+        plane = CommonPlane.of(given_poses)
+        off = plane.prior_of(0, given_poses[0], slid)[0]
         left.append(np.abs(target().pose_difference(true[0], seen(found[0], off))).max())
+    assume(plane.is_said)  # how often it is believed is told below
     assert left[1] < 0.3 * np.abs(SLIDE).max() and left[1] < 0.5 * left[0]
 
 

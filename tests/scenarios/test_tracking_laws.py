@@ -129,6 +129,11 @@ def test_texture_that_an_encoder_made_of_noise_fades_and_is_no_other_surface() -
     assert all(f.answered for f in never_wrong("gear", "h264", frames=40, seed=9407))
 
 
+def test_contacts_that_are_given_before_anything_is_made_out_go_with_the_bench() -> None:
+    """Nothing stands out in ten images, in which the camera moves on."""
+    never_wrong("disc", "faint", frames=40, seed=9431)
+
+
 def test_a_line_beyond_a_solid_part_is_none_of_its_outline() -> None:
     mask = np.zeros((300, 300), np.uint8)
     mask[100:200, 100:200] = mask[148:151, 200:] = 255
