@@ -129,6 +129,12 @@ def test_texture_that_an_encoder_made_of_noise_fades_and_is_no_other_surface() -
     assert all(f.answered for f in never_wrong("gear", "h264", frames=40, seed=9407))
 
 
+def test_what_leaves_the_image_half_seen_comes_back_where_the_ground_has_it() -> None:
+    """Of what is left of it at the border its pose is a guess, and no motion on the ground."""
+    found = never_wrong("s-blob", "leave", frames=40, seed=9407)
+    assert all(f.answered for f in found[-10:])
+
+
 def test_contacts_that_are_given_before_anything_is_made_out_go_with_the_bench() -> None:
     """Nothing stands out in ten images, in which the camera moves on."""
     never_wrong("disc", "faint", frames=40, seed=9431)

@@ -53,7 +53,7 @@ class Predictions(NamedTuple):
     Attributes:
         first, second: the likeliest first.
         background: (3, 3), None where the background tells nothing, or was not asked.
-        background_P: (8, 8) covariance of its error, as far as this image tells.
+        ground: of the background, as far as this image tells.
         anew: the background has been found again after it was lost with the object.
         even: (3, 3) where even motion has it; None where the motion is not known.
     """
@@ -62,15 +62,8 @@ class Predictions(NamedTuple):
     second: list[Hypothesis]
     background: Floats | None
     even: Floats | None
-    background_P: Floats | None = None
+    ground: PoseFlow | None = None
     anew: bool = False
-
-    @property
-    def ground(self) -> Hypothesis | None:
-        """Where the background has the object, as exactly as this image tells; None where it does not."""
-        if self.background is None or self.background_P is None:
-            return None
-        return Hypothesis("background", self.background, self.background_P)
 
 
 def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
@@ -133,10 +126,10 @@ def predict_hypotheses(state: TrackState, levels: list[Grey]) -> Predictions:
         first = first if joined is None else [joined, *first[1:]]
     rests = state.wander < numbers.predicted
     if jerked and rests and first:  # its texture may have been found on what looks like it
-        return Predictions(distinct_hypotheses(target, [carried, *first]), rest, carried.G, even, background.P)
+        return Predictions(distinct_hypotheses(target, [carried, *first]), rest, carried.G, even, background)
     if first:
-        return Predictions(first, [*rest, carried], carried.G, even, background.P)
-    return Predictions([carried, *rest], [], carried.G, even, background.P)
+        return Predictions(first, [*rest, carried], carried.G, even, background)
+    return Predictions([carried, *rest], [], carried.G, even, background)
 
 
 def add_alike(P: Floats, step: Floats) -> Floats:

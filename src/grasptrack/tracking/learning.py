@@ -50,6 +50,8 @@ UNSURE_PRESENCE = 0.5
 """Most that an image in which nothing was accepted tells of the object's presence."""
 FOLLOWED_PRESENCE = 0.999
 """Presence from which on what shows another shape or surface is followed all the same, whatever risk is taken."""
+MOSTLY_SEEN = 0.5
+"""Share of the outline whose edge is seen, from which on a pose that is not exact in every way tells where the object is."""
 STEADY = 0.5
 """Share of the larger of two motions in a row that the other one has at least, of what goes on its way."""
 LEAST_WANDER = 0.05
@@ -75,6 +77,8 @@ def learn(state: TrackState, levels: list[Grey], decision: Decision, e: PoseEsti
     if decision.is_accepted and state.marks is not None and not stands_at(target, e.G, state.marks.G):
         state.marks = None
     _learn_motion(state, e, predictions)
+    if not state.lost and (decision.is_accepted or e.edge_share > MOSTLY_SEEN):
+        _learn_wander(state, e, predictions)
     rigid = state.shutter.follow_pose(target, e.G, e.bend, steps)
     px = math.sqrt(2.0 * float(((e.contacts - target.carried_contacts(state.last.G)) ** 2).mean()))
     moved = 0.0 if state.lost else px * target.size / math.sqrt(e.area) / max(steps, SHORTEST_STEP)
@@ -212,7 +216,7 @@ def _away_from_rest(state: TrackState, background: Floats | None) -> float:
 
 def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predictions) -> None:
     """How it moves; how far even motion and rest on the background are off."""
-    target, background = state.target, predictions.background
+    target = state.target
     if predictions.even is not None:
         off = target.pose_difference(predictions.even, estimate.G)
         share = float(off**2 @ target.precision_of_motion) / len(off)
@@ -220,11 +224,6 @@ def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predic
             state.moves += 1
             state.strays.add(squared_way(estimate, target.carried_contacts(predictions.even), state.numbers), 1.0)
             state.agility = _clamp(_updated_mean(state.agility, share, state.moves), LEAST_AGILITY, 1.0)
-    if background is not None and not state.lost:
-        away = math.dist(estimate.middle, mean_point(target.carried_contacts(background)))
-        share = away / math.sqrt(estimate.area) / state.numbers.travel
-        state.wanders += 1
-        state.wander = _clamp(_updated_mean(state.wander, share, state.wanders), LEAST_WANDER, 1.0)
     if not state.lost:
         before = target.carried_contacts(state.last.G)
         state.ways.add(squared_way(estimate, before, state.numbers) / max(state.steps, SHORTEST_STEP) ** 2, 1.0)
@@ -238,6 +237,18 @@ def _learn_motion(state: TrackState, estimate: PoseEstimate, predictions: Predic
     velocity = target.pose_difference(state.last.G, estimate.G) / max(state.steps, SHORTEST_STEP)
     state.velocity_P = state.P + estimate.P
     state.velocity = velocity if not state.lost and math.isfinite(float(velocity @ velocity)) else None
+
+
+def _learn_wander(state: TrackState, estimate: PoseEstimate, predictions: Predictions) -> None:
+    """How far it left its place on the background; what is not known of both is no motion."""
+    if predictions.background is None:
+        return
+    known = estimate.P if predictions.ground is None else estimate.P + predictions.ground.P
+    away = math.dist(estimate.middle, mean_point(state.target.carried_contacts(predictions.background)))
+    moved = away**2 / estimate.area - (known[2, 2] + known[5, 5]) / state.target.size**2
+    state.wanders += 1
+    share = math.sqrt(max(0.0, moved)) / state.numbers.travel
+    state.wander = _clamp(_updated_mean(state.wander, share, state.wanders), LEAST_WANDER, 1.0)
 
 
 def _updated_mean(mean: float, value: float, count: int) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.kernels import PoseFlow
 from grasptrack.tracking.decision import NOTHING, Decision, Expected, decide_pose
 from grasptrack.tracking.estimator import SHARP, WHOLE_WAY, estimate_pose
 from grasptrack.tracking.evidence import (
@@ -50,6 +51,8 @@ PUSHED = 1e-4
 """Probability that an object at rest is pushed from one image to the next, and in just the way in which its outline slides."""
 FALSE_PIECE = 0.05
 """Probability that a first outline has taken in a piece of something that lies over the image."""
+MOST_OF_GROUND = 0.5
+"""Share of the ground's places beyond which it is the ground that moved, and nothing that came over it."""
 LEAST_ODDS = 1.0
 """Log odds of another shape from which on it is asked whether the first outline is false instead."""
 BESIDE = 2
@@ -67,7 +70,7 @@ class Solutions:
         levels: the image's pyramid.
         expected: what continuity says of the image.
         hypotheses: to begin with.
-        ground: where the ground has the object, as exactly as this image tells; None where it does not.
+        ground: where the ground has the object, as far as this image tells; None where it does not.
         is_taken: whether another object surely lies where an estimate has this one; None where no other is followed.
 
     Attributes:
@@ -83,7 +86,7 @@ class Solutions:
         levels: list[Grey],
         expected: Expected,
         hypotheses: list[Hypothesis],
-        ground: Hypothesis | None = None,
+        ground: PoseFlow | None = None,
         is_taken: Callable[[PoseEstimate], bool] | None = None,
     ) -> None:
         self._ground, self._is_taken = ground, is_taken
@@ -314,9 +317,12 @@ class Solutions:
             self.marks = FixedMarks(estimate.G, there, still, left)
 
     def _ground_moved_on(self, estimate: PoseEstimate) -> Floats | None:
-        """(3, 3) where the ground has the object, if it surely moves on from an estimate that stands still."""
+        """(3, 3) where the ground has the object, if it surely moves on from an estimate that stands still.
+
+        Most of it: a hand over a table moves on, too.
+        """
         ground = self._ground
-        if ground is None or not self._stands_still(estimate, ground.G):
+        if ground is None or ground.agreeing <= MOST_OF_GROUND or not self._stands_still(estimate, ground.G):
             return None
         away = self._state.target.handle.joined(ground.G, ground.P, estimate.G, estimate.P)[0]
         return ground.G if away > AGREE_DISTANCE else None
