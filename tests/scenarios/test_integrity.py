@@ -59,6 +59,16 @@ def test_an_exchanged_object_is_not_the_object(shape: Shape, stranger: Shape, st
     assert all(r.reason for r in run.results[3:])
 
 
+@pytest.mark.parametrize(("shape", "stranger"), TWINS)
+def test_an_object_that_is_exchanged_in_its_very_place_is_not_the_object(shape: Shape, stranger: Shape) -> None:
+    """Where nothing has moved, no piece of the first outline has shown itself as none of the object's."""
+    run, H = Run(), pose(160.0, 120.0, 0.0)
+    for k in range(8):
+        run.see(photo([(shape if k < 4 else stranger, H)], seed=k), H if k < 4 else None)
+    run.check()
+    assert run.statuses[:4] == ["tracked"] * 4
+
+
 def test_a_slender_object_with_a_tab_longer_than_it_is_wide() -> None:
     strip = Shape.of("strip", [(-3, -0.25), (3, -0.2), (2.9, 0.3), (-3, 0.25)])
     run = Run(strategy="rrp")

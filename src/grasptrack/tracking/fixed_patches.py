@@ -3,20 +3,23 @@
 
 import math
 
+import cv2
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import PATCH_SIDE
 from grasptrack.kernels.results import SurfaceEvidence
 from grasptrack.tracking.estimator import FIRST_POSE_SD, estimate_pose
 from grasptrack.tracking.evidence import (
+    OUTLINE_PRIOR,
     outline_evidence,
     surface_evidence,
     texture_evidence,
 )
 from grasptrack.tracking.pose import Hypothesis, PoseEstimate, carried_in_front, changed_estimate, mixed_estimate
 from grasptrack.tracking.state import TrackState
-from grasptrack.tracking.target import Grey
+from grasptrack.tracking.target import Grey, as_grey
 from grasptrack.typing import Bools, Floats
 
 ALONE = 0.5
@@ -85,6 +88,38 @@ def against_fixed_surface(
     odds = math.log(numbers.fixed) + numbers.temper * surface + outline + volume
     found = mixed_estimate(target, [estimate, alone], [0.0, odds])
     return changed_estimate(found, confirmed=estimate.confirmed)
+
+
+def false_pieces_log_odds(state: TrackState, levels: list[Grey], estimate: PoseEstimate) -> float:
+    """Log odds that pieces of the outline that differ are none of the object, but fixed in the image; -inf if nothing tells.
+
+    They lie where the first image had them, though nothing of the object's own outline is left in the patches there: it has
+    moved on, and not along an edge of its own; and no view since then has shown them.
+
+    Args:
+        state: of the object.
+        levels: the image's pyramid.
+        estimate: of another shape, by its samples.
+    """
+    target, numbers, half, image = state.target, state.numbers, PATCH_SIDE // 2, levels[0]
+    first_image = target.recipe.textures[0][0][0]
+    if first_image.shape != image.shape:  # that of a part on file
+        return -math.inf
+    first, now = (apply_homography(G, target.points) for G in (target.A, estimate.G))
+    which = np.flatnonzero(estimate.differs > 0.5)
+    which = which[np.hypot(*(first[which][:, None] - now[None]).T).min(axis=0) >= PATCH_SIDE / math.sqrt(2.0)]
+    if not len(which):
+        return -math.inf
+    there = np.rint(first[which]).astype(int)
+    there = there[(there >= half).all(axis=1) & (there < np.array(image.shape[::-1]) - half).all(axis=1)]
+    agreeing = []
+    for x, y in there.tolist():
+        window = slice(y - half, y + half + 1), slice(x - half, x + half + 1)
+        patches = as_grey(image[window]), as_grey(first_image[window])
+        agreeing.append(float(cv2.matchTemplate(*patches, cv2.TM_CCOEFF_NORMED)[0, 0]))
+    fixed: SurfaceEvidence = surface_evidence([np.array(agreeing)], [np.ones(len(agreeing))], numbers, OUTLINE_PRIOR)
+    shown = float(state.shown[which].sum()) if len(state.shown) else 0.0
+    return math.log(numbers.misled) + fixed.log_odds + math.log(numbers.share_other) * shown
 
 
 def _moved_patches(state: TrackState, G: Floats) -> list[Bools]:

@@ -20,7 +20,7 @@ from grasptrack.tracking.evidence import (
     stands_at,
     texture_evidence,
 )
-from grasptrack.tracking.fixed_patches import ALONE, against_fixed_surface, estimate_at_rest
+from grasptrack.tracking.fixed_patches import ALONE, against_fixed_surface, estimate_at_rest, false_pieces_log_odds
 from grasptrack.tracking.hypotheses import AGREE_DISTANCE
 from grasptrack.tracking.pose import (
     CONTINUOUS,
@@ -37,7 +37,7 @@ from grasptrack.tracking.pose import (
     sane_area,
     worst_variance,
 )
-from grasptrack.tracking.state import MAX_LOG_ODDS, SEEN, TrackState
+from grasptrack.tracking.state import MAX_LOG_ODDS, TrackState
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
 
@@ -49,14 +49,8 @@ DISAGREE_FROM = 2.0
 """Squared distance, by what is known of both, from which on an answer lies elsewhere than where outline and ground have it."""
 PUSHED = 1e-4
 """Probability that an object at rest is pushed from one image to the next, and in just the way in which its outline slides."""
-FALSE_PIECE = 0.05
-"""Probability that a first outline has taken in a piece of something that lies over the image."""
 MOST_OF_GROUND = 0.5
 """Share of the ground's places beyond which it is the ground that moved, and nothing that came over it."""
-LEAST_ODDS = 1.0
-"""Log odds of another shape from which on it is asked whether the first outline is false instead."""
-BESIDE = 2
-"""Samples to either side of one that a view has to have shown with it."""
 ROOM = 0.5
 """Share of the standard deviation that an answer may have, up to which the outline alone fixes every contact: that the surface
 says otherwise comes on top."""
@@ -135,9 +129,7 @@ class Solutions:
                 estimate = self._against_shutter(estimate, hypothesis)
             estimate = self._against_outline(estimate, hypothesis.G, still=still)
             estimate = self._against_ground(estimate, still=still)
-            self.found.append(
-                self._against_false_pieces(self._against_fixed_surface(estimate, still=still), still=still)
-            )
+            self.found.append(self._against_false_pieces(self._against_fixed_surface(estimate, still=still)))
 
     def _against_shutter(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> PoseEstimate:
         """An estimate, or the one through a shutter that is open but for a moment, if this and former images speak for that.
@@ -268,28 +260,16 @@ class Solutions:
             return estimate
         return against_fixed_surface(state, self._levels, estimate, self._at_rest, still=still)
 
-    def _against_false_pieces(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate:
+    def _against_false_pieces(self, estimate: PoseEstimate) -> PoseEstimate:
         """An estimate, of another shape only as far as the pieces that differ are none that the first outline took in.
 
-        So may be a line over the image, or a letter, that joined the object there: no view has shown it since the object
-        moved, and the rest of the outline alone says the same.
+        So may be a line over the image, or a letter, that joined the object there: it still lies where the first image had it.
         """
-        state, odds = self._state, estimate.other_shape
-        if not odds > LEAST_ODDS:
+        odds = estimate.other_shape
+        if not odds > 0.0:
             return estimate
-        unproven = odds
-        if len(state.shown_in):
-            near = np.min([np.roll(state.shown, step) for step in (-BESIDE, 0, BESIDE)], axis=0)
-            unproven *= float(estimate.differs @ (near < SEEN)) / float(estimate.differs.sum())
-        if unproven < LEAST_ODDS:
-            return estimate
-        alone = self._outline_alone(estimate, [estimate.G], still=still)
-        if alone is None or not self._is_whole(alone):
-            return estimate
-        if max_contact_distance(alone.contacts, estimate.contacts) > contact_tolerance(estimate.area, state.numbers):
-            return estimate
-        found = changed_estimate(estimate)
-        found.other_shape = odds - math.log1p(FALSE_PIECE * math.exp(min(unproven, MAX_LOG_ODDS)))
+        found, false = changed_estimate(estimate), odds + false_pieces_log_odds(self._state, self._levels, estimate)
+        found.other_shape = odds - math.log1p(math.exp(min(false, MAX_LOG_ODDS)))
         return found
 
     def _outline_alone(self, estimate: PoseEstimate, starts: list[Floats], *, still: bool) -> PoseEstimate | None:
