@@ -16,7 +16,7 @@ from grasptrack import GraspTracker
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.tracking.estimator import first_state
-from grasptrack.tracking.evidence import EXCHANGED, wrong_object_probability
+from grasptrack.tracking.evidence import EXCHANGED, surface_evidence, wrong_object_probability
 from grasptrack.tracking.learning import FIRST_IMAGES, _learn_looks
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.pose import PoseEstimate, largest_sigma
@@ -167,6 +167,17 @@ def test_what_the_last_image_showed_in_its_place_stays_in_mind_where_it_was_more
     for state.exchanged in (0.0, EXCHANGED, 1.01 * EXCHANGED, 1.0):
         doubts.append(wrong_object_probability(state, e, 1.0))
     assert doubts[0] == doubts[1] < 0.01 * doubts[2] and doubts[2] == doubts[3]
+
+
+def test_texture_that_goes_on_fading_is_no_other_surface_but_after_a_loss_it_may_be() -> None:
+    state = begun(L_PLATE)
+    e = seen(state, np.eye(3), drawn(L_PLATE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
+    state.accepted, doubts = 5, []
+    faint = surface_evidence(e.correlation, state.usual, NUMBERS)._replace(log_odds=-6.0)
+    for state.surfaces, state.lost in (((9.0, 9.0), 0), ((1.0, 9.0), 0), ((-6.0, -5.0), 0), ((1.0, 9.0), 1)):
+        doubts.append(wrong_object_probability(state, e, 1.0, faint))
+    level, fading, faded, lost = doubts
+    assert fading < 0.1 * level and faded < 0.1 * level and lost >= level
 
 
 @pytest.mark.parametrize(

@@ -166,7 +166,7 @@ def wrong_object_probability(
     odds = prior * math.exp(min(MAX_EXPONENT, shape))
     if state.accepted:  # until then an image may show another of its kind, or the same in other light
         faded = goes_on(estimate) if goes_on is not None and surface.log_odds < 0.0 else 0.0
-        last, before = state.surfaces  # what an encoder made of noise fades as it did
+        last, before = (0.0, 0.0) if state.lost else state.surfaces  # what an encoder made of noise fades as it did
         expected = min(0.0, last + min(0.0, last - before))
         odds += other_surface_odds(surface.log_odds - expected, numbers) * math.exp(-max(0.0, faded))
     return odds / (1.0 + odds)
