@@ -179,22 +179,6 @@ class FirstImage:
             background=cut_out(self.background),
         )
 
-    def moved_by(self, motion: Floats) -> FirstImage:
-        """The same of a later image, to which an affine motion (2, 3) of the bench takes px of this one; masks stay."""
-
-        def moved(points: Floats) -> Floats:
-            return np.asarray(points @ motion[:, :2].T + motion[:, 2], dtype=np.float64)
-
-        def moved_box(box: Box) -> Box:
-            left, top, width, height = box
-            corners = moved(
-                np.array([[left, top], [left + width, top], [left, top + height], [left + width, top + height]])
-            )
-            (x, y), (u, v) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
-            return x, y, u - x, v - y
-
-        return self._with_places(moved, moved_box)
-
     def _with_places(self, move: Callable[[Floats], Floats], move_box: Callable[[Box], Box]) -> FirstImage:
         """The same where `move` takes pixels (n, 2), and `move_box` a box."""
 

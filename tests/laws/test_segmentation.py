@@ -253,24 +253,6 @@ def test_contacts_move_with_the_picture_that_is_cut_out() -> None:
     assert said.grasp is not None and said.grasp.contacts.tolist() == [[20.0, 20.0], [50.0, 60.0]]
 
 
-@given(angle=st.floats(-3.0, 3.0), scale=st.floats(0.5, 2.0), x=st.floats(-50.0, 50.0), y=st.floats(-50.0, 50.0))
-def test_places_that_are_said_go_with_a_motion_and_back(angle: float, scale: float, x: float, y: float) -> None:
-    said = FirstImage.of(
-        (30.0, 40.0), not_at=(5.0, 6.0), outline=[(10, 20), (60, 20), (60, 70)], grasp=[(30, 40), (60, 80)]
-    )
-    boxed = FirstImage.of(box=(10.0, 20.0, 30.0, 40.0))
-    c, s = scale * math.cos(angle), scale * math.sin(angle)
-    motion = np.array([[c, -s, x], [s, c, y]])
-    back = np.linalg.inv(np.vstack([motion, [0.0, 0.0, 1.0]]))[:2]
-    again = said.moved_by(motion).moved_by(back)
-    assert np.allclose([*again.object_at, *again.not_at], [(30.0, 40.0), (5.0, 6.0)])
-    assert again.outline is not None and np.allclose(again.outline, [(10, 20), (60, 20), (60, 70)])
-    assert again.grasp is not None and np.allclose(again.grasp.contacts, [(30, 40), (60, 80)])
-    left, top, width, height = boxed.moved_by(motion).box or (0.0,) * 4
-    corners = np.array([[10, 20], [40, 20], [10, 60], [40, 60]]) @ motion[:, :2].T + motion[:, 2]
-    assert np.allclose([left, top, left + width, top + height], [*corners.min(axis=0), *corners.max(axis=0)])
-
-
 # --- masks ----------------------------------------------------------------------------------------
 
 

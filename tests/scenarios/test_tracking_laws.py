@@ -135,9 +135,16 @@ def test_what_leaves_the_image_half_seen_comes_back_where_the_ground_has_it() ->
     assert all(f.answered for f in found[-10:])
 
 
-def test_contacts_that_are_given_before_anything_is_made_out_go_with_the_bench() -> None:
-    """Nothing stands out in ten images, in which the camera moves on."""
+def test_contacts_that_are_given_where_nothing_is_made_out_are_those_of_no_later_image() -> None:
+    """Ten images later, the camera having moved on, they had been taken for the same points: 33 px beside them."""
     never_wrong("disc", "faint", frames=40, seed=9431)
+    bench, part = np.full((240, 320), 180, np.uint8), np.full((240, 320), 180, np.uint8)
+    part[80:160, 100:220] = 60
+    contacts = [(160.0, 79.5), (160.0, 159.5)]
+    given, waiting = GraspTracker(grasp=contacts), GraspTracker(grasp=contacts, wait=True)
+    assert [given.update(image).status for image in (bench, part, part)] == ["searching"] * 3
+    assert "in an image that shows the object" in given.update(part).reason
+    assert [waiting.update(image).status for image in (bench, part)] == ["searching", "tracked"]
 
 
 def test_a_line_beyond_a_solid_part_is_none_of_its_outline() -> None:

@@ -52,7 +52,7 @@ def register_affine(image: NDArray[np.floating], other: NDArray[np.floating], ke
         except cv2.error:  # an even bench shows no motion
             continue
         moved = np.asarray(found, dtype=np.float64)
-        if largest_motion(moved, small[0].shape) > MAX_MOTION * max(small[0].shape):
+        if _largest_motion(moved, small[0].shape) > MAX_MOTION * max(small[0].shape):
             continue
         if _mean_difference(small, moved, mask) < _mean_difference(small, began, mask):
             motion = _scale_motion(moved, shrink)
@@ -85,7 +85,7 @@ def _flatten_light(image: Floats32) -> Floats32:
     return np.asarray(np.clip(grain / scale, -CLIPPED, CLIPPED), dtype=np.float32)
 
 
-def largest_motion(motion: Floats, size: tuple[int, ...]) -> float:
+def _largest_motion(motion: Floats, size: tuple[int, ...]) -> float:
     """px that the corner moves that moves most."""
     height, width = size
     corners = np.array([[0.0, 0.0, 1.0], [width, 0.0, 1.0], [0.0, height, 1.0], [width, height, 1.0]])

@@ -26,7 +26,6 @@ from grasptrack.grasp.hand import Hand, Length, checked_length
 from grasptrack.images import Grey
 from grasptrack.segmentation.candidate import Candidate, distinct_candidates
 from grasptrack.segmentation.outline_detector import OutlineDetector
-from grasptrack.segmentation.registration import largest_motion, register_affine
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
 from grasptrack.tracking.answer import (
     Moment,
@@ -50,8 +49,6 @@ from grasptrack.transfer import check_strategy
 from grasptrack.typing import StrategyName
 from grasptrack.undistortion import Undistortion
 
-STEADY_PX = 0.5
-"""px that a corner of the image moves at most while the camera rests: steps that err by less would add up."""
 KEPT_ROWS = 4
 """Every so many rows of an image are kept, to see whether the next one is another: no camera's noise leaves them alone."""
 
@@ -231,7 +228,7 @@ class GraspTracker:
         self._plane: Beforehand | None = None  # of another grasp: what the one before has told
         self._scene: FirstScene | None = None  # of the update before
         self._rows: NDArray[Any] | None = None  # of the image before
-        self._said_in: Grey | None = None  # the image of which is said which object is meant, until one is chosen
+        self._void: StatusReason | None = None  # why contacts that were given are those of no object
         self._latest, self._told_of_time = -math.inf, False
 
     def __getstate__(self) -> dict[str, Any]:
@@ -287,8 +284,6 @@ class GraspTracker:
         repeated = self._is_repeated(np.asarray(image if mask is None else mask))
         moment = Moment(self._frame, time, started, repeated, self.object_sure, self._object_probability)
         if self._track is None:
-            if mask is None:
-                self._follow_places(grey)
             result = self._begin_tracking(moment, masked=mask is not None)  # grasp synthesis, once
         else:
             # contour extraction, grasp transfer, and whether to believe it
@@ -313,21 +308,10 @@ class GraspTracker:
         # those of another image differ in the first one already
         return before is not None and np.array_equal(before[0], self._rows[0]) and np.array_equal(before, self._rows)
 
-    def _follow_places(self, grey: Grey) -> None:
-        """Move what was said of an image in which nothing was chosen on with the bench: there lay what was meant.
-
-        Not where parts are waited for: a place is where they come by.
-        """
-        wish, before = self._wish, self._said_in
-        if before is None or wish.waits or wish.before is not None or not wish.said.is_pointed_at:
-            self._said_in = grey
-            return
-        motion = register_affine(before.astype(np.float32), grey.astype(np.float32))
-        if largest_motion(motion, grey.shape) > STEADY_PX:
-            self._said_in, self._wish = grey, replace(wish, said=wish.said.moved_by(motion))
-
     def _begin_tracking(self, moment: Moment, *, masked: bool) -> TrackResult:
         """Choose the object and a grasp on it."""
+        if self._void is not None:
+            return make_result(moment, "searching", self._void)
         before, self._plane = self._known_beforehand(), None
         wish = replace(self._wish, friction=self.friction)
         first = first_view(self._observer, wish, masked)
@@ -335,7 +319,7 @@ class GraspTracker:
         self.candidates = self._seen_candidates(first.found)
         candidate, reason = first.candidate, first.reason
         if candidate is None:
-            return make_result(moment, "searching", reason)
+            return make_result(moment, "searching", self._reason_for_good(reason))
         self._scene = FirstScene(self._observer.colours, masked, first, wish, before)
         if self._wish.before is None:
             self.object_sure = masked or wish.is_sure_of(candidate)
@@ -349,12 +333,20 @@ class GraspTracker:
             return make_result(moment, "searching", reason, view=candidate.view)
         self._grasps += 1
         grasp, follower = start.grasp, start.carrier.follower
-        follower.search_ms, self._said_in = self.search_ms, None
+        follower.search_ms = self.search_ms
         closure = make_closure_check(grasp, candidate.view, self.friction)
         plane = follower.state.plane
         ruler = None if self.length is None else make_ruler(follower.target, plane, self.length)
         self._track = track = Track(self._grasps, closure, start.carrier, follower, ruler)
         return first_result(moment, track, grasp, candidate.view)
+
+    def _reason_for_good(self, reason: StatusReason) -> StatusReason:
+        """Why no object was made out; for good where contacts were given, which are those of this image."""
+        wish = self._wish
+        if wish.said.grasp is not None and not wish.waits and wish.before is None:
+            detail = f"{reason.detail}: give contacts in an image that shows the object, for in later ones they lie elsewhere"
+            self._void = reason = replace(reason, detail=detail)
+        return reason
 
     def _request_another_grasp(self, view: View, plane: Beforehand) -> None:
         """Another grasp is to be chosen in the next image, on the object that has this outline and lies in this plane."""
