@@ -501,6 +501,17 @@ def outline_gaps(
         ValueError: normals or offsets of other points, or no reach, or targets that are not finite.
     """
 
+class OtherPiece:
+    """A piece of an outline that shows another shape.
+
+    Attributes:
+        log_odds: log-likelihood ratio of another shape by it, -1 where nothing tells.
+        samples: (n,) its probability at each sample, (0,) where the outline has too few samples to be looked at.
+    """
+
+    log_odds: float
+    samples: Floats
+
 class PoseEstimate:
     """A hypothesis made exact. What image and prior tell cannot be written; what else is known of it can.
 
@@ -529,7 +540,7 @@ class PoseEstimate:
         elsewhere: share of the outline whose edge lies elsewhere.
         astray: log-likelihood ratio of these edges, of something else against light that hides them and a pose a little off.
         other_shape: log-likelihood ratio of another shape, -1 where nothing tells; to be written, where more does.
-        differs: (n,) its probability at each sample, (0,) where the outline has too few samples to be looked at.
+        closed_piece, open_piece: what differs there, by a piece whose own end is seen, and by one that goes on.
         hidden: share of the outline that is hidden, to be written.
         covered: that, or has its edge elsewhere.
         origin: what proposed the hypothesis, to be written.
@@ -568,7 +579,8 @@ class PoseEstimate:
     elsewhere: float
     astray: float
     other_shape: float
-    differs: Floats
+    closed_piece: OtherPiece
+    open_piece: OtherPiece
     hidden: float
     covered: float
     origin: str

@@ -432,6 +432,9 @@ void bind_registration(nb::module_ &m) {
         .def("open_tilts", &PoseTarget::open_tilts, "views"_a, "starts"_a, "nodes"_a)
         .def("pixel_aspect", &PoseTarget::pixel_aspect, "views"_a, "theta"_a);
     using Solved = pose::Solution;
+    nb::class_<pose::OtherPiece>(m, "OtherPiece")
+        .def_ro("log_odds", &pose::OtherPiece::log_odds)
+        .def_prop_ro("samples", array_of<pose::OtherPiece>(&pose::OtherPiece::samples));
     nb::class_<PoseEstimate>(m, "PoseEstimate")
         .def_ro("valid", &Solved::valid)
         .def_prop_ro("G", array_of<PoseEstimate>(&Solved::G, 3, 3))
@@ -467,7 +470,8 @@ void bind_registration(nb::module_ &m) {
         .def_ro("elsewhere", &Solved::elsewhere)
         .def_ro("astray", &Solved::astray)
         .def_rw("other_shape", &Solved::other_shape)
-        .def_prop_ro("differs", array_of<PoseEstimate>(&Solved::differs))
+        .def_prop_ro("closed_piece", [](const PoseEstimate &e) { return e.pieces.closed; })
+        .def_prop_ro("open_piece", [](const PoseEstimate &e) { return e.pieces.open; })
         .def_prop_ro("covered", [](const PoseEstimate &e) { return e.hidden + e.elsewhere; })
         .def_rw("hidden", &PoseEstimate::hidden)
         .def_rw("area", &PoseEstimate::area)

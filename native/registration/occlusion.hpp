@@ -207,16 +207,29 @@ inline std::vector<std::size_t> cells_asked(const std::vector<double> &visible, 
     return asked;
 }
 
-// Log-likelihood ratio of "some stretch shows another shape" against "this shape, partly occluded". `blur`: half of
-// what moves across each sample while it is exposed, work px: so far both sides are mixed.
-inline double other_shape(const Target &target, const Pyramid &pyramid, const Homography &G, const std::vector<Point> &places, const std::vector<double> &visible,
+// Log-likelihood ratio of "some stretch shows another shape" against "this shape, partly occluded", -1 where nothing tells, and
+// the probability of each sample that it is of that stretch.
+struct OtherPiece {
+    double log_odds = 0;
+    std::vector<double> samples;
+};
+
+// Another shape by a piece whose own end is seen, and by one that goes on.
+struct OtherShape {
+    OtherPiece closed, open;
+    double log_odds() const { return open.log_odds > 0 ? std::max(closed.log_odds, open.log_odds) : closed.log_odds; }
+};
+
+// `blur`: half of what moves across each sample while it is exposed, work px: so far both sides are mixed.
+inline OtherShape other_shape(const Target &target, const Pyramid &pyramid, const Homography &G, const std::vector<Point> &places, const std::vector<double> &visible,
                           const std::vector<bool> &bounded, const std::vector<double> &blur, Light light, const RegionNumbers &numbers,
-                          const States &share, double stay, double power, std::vector<double> &other) {
+                          const States &share, double stay, double power) {
     const std::size_t n = target.points.size();
-    other.assign(n, 0.0);
-    if (n == 0 || target.depth.size() != region_cells) return 0.0;
+    OtherShape found{{0.0, std::vector<double>(n)}, {0.0, std::vector<double>(n)}};
+    if (n == 0 || target.depth.size() != region_cells) return found;
+    found.closed.log_odds = -1.0;
     const std::vector<std::size_t> asked = cells_asked(visible, bounded);
-    if (asked.empty()) return -1.0;
+    if (asked.empty()) return found;
     std::vector<double> inner(n * region_cells), outer(n * region_cells);
     const Seen seen = look_through(pyramid, G, {target.cx, target.cy});
     for (std::size_t i = 0; i < n; ++i)
@@ -294,20 +307,22 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
         more[i] = amiss + (1 - amiss) * ratio(std::min(mean_cells(own_out, 0, first_cells, least), as_inside));
         any = true;
     }
-    if (!any) return -1.0;
+    if (!any) return found;
     for (auto *ratios : {&same, &differs, &absent, &more}) temper(*ratios, power);
     const Chain with = stretches(same, differs, share, stay, true, meeting);
     States without = share;
     without[0] += without[2];
     without[2] = 1e-12;
     const Chain here = stretches(same, differs, without, stay, false, meeting);
-    for (std::size_t i = 0; i < n; ++i) other[i] = with.posterior[i][2];
+    for (std::size_t i = 0; i < n; ++i) found.closed.samples[i] = with.posterior[i][2];
+    found.closed.log_odds = with.log_likelihood - here.log_likelihood;
     // ground where the object should be and the object where it should end, without an end of their own: one alone may be cover
-    double open = 0;
-    for (const auto *side : {&absent, &more})
-        open += std::clamp(stretches(same, *side, share, stay, false, meeting).log_likelihood - here.log_likelihood, 0.0, -std::log(imitated));
-    const double closing = with.log_likelihood - here.log_likelihood;
-    return open > 0 ? std::max(closing, open) : closing;
+    for (const auto *side : {&absent, &more}) {
+        const Chain goes_on = stretches(same, *side, share, stay, false, meeting);
+        found.open.log_odds += std::clamp(goes_on.log_likelihood - here.log_likelihood, 0.0, -std::log(imitated));
+        for (std::size_t i = 0; i < n; ++i) found.open.samples[i] = std::max(found.open.samples[i], goes_on.posterior[i][2]);
+    }
+    return found;
 }
 
 }  // namespace grasptrack::pose

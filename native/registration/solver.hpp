@@ -40,7 +40,7 @@ struct Solution {
     double elsewhere = 0;    // share of the outline whose edge lies elsewhere
     double astray = 0;       // log-likelihood ratio of the edges elsewhere: of something else, against light and a pose a little off
     double other_shape = 0;  // log-likelihood ratio of another shape
-    std::vector<double> differs;
+    OtherShape pieces;       // it by these
 };
 
 class Solver {

@@ -122,10 +122,11 @@ inline void Solver::judge(Solution &out, bool edges, double h, double vh) {
         for (std::size_t i = 0; i < n; ++i)
             // what is faint beside its own edge may be a mark of its surface, on which a tab goes on
             if (!(bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]))) seen[i] = 0.0;
-        out.other_shape = other_shape(
+        out.pieces = other_shape(
             target_, pyramid_, out.G, places_, seen, bounded, blur, out.light,
             {numbers_.cell_unlikely, numbers_.cell_far, numbers_.cell_power, numbers_.cell_cover, allowed},
-            shares(), stay(), power_, out.differs);
+            shares(), stay(), power_);
+        out.other_shape = out.pieces.log_odds();
     }
     auto row = patches_.begin();
     for (std::size_t level = 0; level < std::min(fine_levels, target_.texture.size()); ++level) {

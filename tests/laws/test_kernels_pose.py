@@ -388,7 +388,9 @@ def test_a_cover_hides_the_outline_and_a_notch_is_another_shape(seed: int) -> No
     )
     assert cover.valid and notch.valid
     assert notch.other_shape > 1.0 > 0.0 > cover.other_shape
+    assert notch.other_shape == max(notch.closed_piece.log_odds, notch.open_piece.log_odds)
     gone = np.linalg.norm(np.asarray(ingredients(seed, 60, {}, False)[7]) - middle, axis=1) < 6.0
+    assert notch.closed_piece.samples[gone].mean() > 0.6 > 0.1 > notch.closed_piece.samples[~gone].mean()
     assert cover.visible[gone].mean() < 0.3 and cover.visible[~gone].mean() > 0.7
 
 

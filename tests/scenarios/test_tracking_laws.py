@@ -13,8 +13,10 @@ from grasptrack import GraspTracker
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.tracking.follower import Follower
+from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.result import TrackResult
-from grasptrack.tracking.selection import _beside_solid
+from grasptrack.tracking.selection import _beside_solid, make_target
+from grasptrack.tracking.target import build_pyramid
 from grasptrack_bench.method import chosen_grasp
 from grasptrack_bench.scenes import built_in, make_scene_cases
 from grasptrack_bench.simulation import DISTURBANCES, SHAPES, Conditions, Scene, SceneFrame, tilting_path
@@ -104,6 +106,29 @@ def test_what_is_fixed_in_the_image_is_not_the_object(shape: str, repeat: int, s
     # surface, and ground, said: at rest
     found = never_wrong(shape, "overlay", repeat, frames=24, seed=seed)
     assert sum(f.answered for f in found) > most
+
+
+@pytest.mark.parametrize("shape", ["cross", "square", "bottle"])
+def test_a_glare_that_was_taken_into_the_first_outline_is_no_other_shape_when_it_goes(shape: str) -> None:
+    assert all(f.answered for f in never_wrong(shape, "glare-first", frames=24, seed=9521))
+
+
+@pytest.mark.parametrize(
+    ("part", "ground", "width", "told"),
+    [(60, 130, 40, True), (130, 60, 40, True), (60, 130, 4, False), (60, 255, 40, False), (255, 60, 40, False)],
+)
+def test_a_glare_is_where_little_of_an_outline_is_as_bright_as_can_be(
+    part: int, ground: int, width: int, told: bool
+) -> None:
+    image = np.full((240, 320), ground, np.uint8)
+    cv2.rectangle(image, (70, 80), (250, 170), (part,), -1)
+    cv2.rectangle(image, (160 - width // 2, 60), (160 + width // 2, 100), (255,), -1)
+    corners = np.array([(70.0, 80.0), (250.0, 80.0), (250.0, 170.0), (70.0, 170.0), (70.0, 80.0)])
+    outline = np.concatenate([np.linspace(a, b, 60, endpoint=False) for a, b in itertools.pairwise(corners)])
+    target = make_target(build_pyramid(image), View(Contour(outline)), outline[[90, 210]], NUMBERS)
+    away = np.abs(apply_homography(target.A, target.points[target.at_glare]) - (160.0, 80.0)).max(axis=1)
+    assert len(away) > 3 if told else len(away) == 0
+    assert (away < 0.5 * width + 9.0).all()
 
 
 def test_what_rests_on_ground_that_tells_no_motion_along_its_grain_is_not_fixed_in_the_image() -> None:

@@ -90,36 +90,42 @@ def against_fixed_surface(
     return changed_estimate(found, confirmed=estimate.confirmed)
 
 
-def false_pieces_log_odds(state: TrackState, levels: list[Grey], estimate: PoseEstimate) -> float:
-    """Log odds that pieces of the outline that differ are none of the object, but fixed in the image; -inf if nothing tells.
+def false_piece_log_odds(state: TrackState, levels: list[Grey], G: Floats, samples: Bools) -> float:
+    """Log odds that a piece of the outline that differs is none of the object's, but was taken in; -inf if nothing tells.
 
-    They lie where the first image had them, though nothing of the object's own outline is left in the patches there: it has
-    moved on, and not along an edge of its own; and no view since then has shown them.
+    Either most of it is the edge of a glare, so that one is as probable as the other until the piece is seen elsewhere. Or it
+    is fixed in the image: it lies where the first image had it, though nothing of the object's own outline is left in the
+    patches there, as that has moved on, and not along an edge of its own.
 
     Args:
         state: of the object.
         levels: the image's pyramid.
-        estimate: of another shape, by its samples.
+        G: (3, 3) a pose.
+        samples: (n,) which of the outline's the piece is.
     """
     target, numbers, half, image = state.target, state.numbers, PATCH_SIDE // 2, levels[0]
     first_image = target.recipe.textures[0][0][0]
-    if first_image.shape != image.shape:  # that of a part on file
+    if not samples.any() or first_image.shape != image.shape:  # that of a part on file
         return -math.inf
-    first, now = (apply_homography(G, target.points) for G in (target.A, estimate.G))
-    which = np.flatnonzero(estimate.differs > 0.5)
-    which = which[np.hypot(*(first[which][:, None] - now[None]).T).min(axis=0) >= PATCH_SIDE / math.sqrt(2.0)]
-    if not len(which):
-        return -math.inf
-    there = np.rint(first[which]).astype(int)
+    shown = state.shown if len(state.shown) else np.zeros(len(samples))
+    against = numbers.temper * math.log(numbers.share_other)  # by each sample that was seen elsewhere
+    glare = against * float(shown[samples].sum())
+    if 2 * np.count_nonzero(samples & target.at_glare) <= np.count_nonzero(samples):
+        glare = -math.inf
+    first, now = (apply_homography(H, target.points) for H in (target.A, G))
+    left = np.hypot(*(first[samples][:, None] - now[None]).T).min(axis=0) >= PATCH_SIDE / math.sqrt(2.0)
+    there = np.rint(first[samples][left]).astype(int)
     there = there[(there >= half).all(axis=1) & (there < np.array(image.shape[::-1]) - half).all(axis=1)]
+    if not len(there):
+        return glare
     agreeing = []
     for x, y in there.tolist():
         window = slice(y - half, y + half + 1), slice(x - half, x + half + 1)
         patches = as_grey(image[window]), as_grey(first_image[window])
         agreeing.append(float(cv2.matchTemplate(*patches, cv2.TM_CCOEFF_NORMED)[0, 0]))
-    fixed: SurfaceEvidence = surface_evidence([np.array(agreeing)], [np.ones(len(agreeing))], numbers, OUTLINE_PRIOR)
-    shown = float(state.shown[which].sum()) if len(state.shown) else 0.0
-    return math.log(numbers.misled) + fixed.log_odds + math.log(numbers.share_other) * shown
+    found: SurfaceEvidence = surface_evidence([np.array(agreeing)], [np.ones(len(agreeing))], numbers, OUTLINE_PRIOR)
+    fixed = math.log(numbers.misled) + found.log_odds + against * float(shown[samples][left].sum())
+    return float(np.logaddexp(glare, fixed))
 
 
 def _moved_patches(state: TrackState, G: Floats) -> list[Bools]:

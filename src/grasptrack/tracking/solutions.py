@@ -20,7 +20,7 @@ from grasptrack.tracking.evidence import (
     stands_at,
     texture_evidence,
 )
-from grasptrack.tracking.fixed_patches import ALONE, against_fixed_surface, estimate_at_rest, false_pieces_log_odds
+from grasptrack.tracking.fixed_patches import ALONE, against_fixed_surface, estimate_at_rest, false_piece_log_odds
 from grasptrack.tracking.hypotheses import AGREE_DISTANCE
 from grasptrack.tracking.pose import (
     CONTINUOUS,
@@ -263,13 +263,16 @@ class Solutions:
     def _against_false_pieces(self, estimate: PoseEstimate) -> PoseEstimate:
         """An estimate, of another shape only as far as the pieces that differ are none that the first outline took in.
 
-        So may be a line over the image, or a letter, that joined the object there: it still lies where the first image had it.
+        So may be a line over the image, or a letter, that joined the object there and still lies where the first image had it,
+        or the edge of a glare.
         """
-        odds = estimate.other_shape
-        if not odds > 0.0:
+        if not estimate.other_shape > 0.0:
             return estimate
-        found, false = changed_estimate(estimate), odds + false_pieces_log_odds(self._state, self._levels, estimate)
-        found.other_shape = odds - math.log1p(math.exp(min(false, MAX_LOG_ODDS)))
+        found, odds = changed_estimate(estimate), []
+        for piece in (estimate.closed_piece, estimate.open_piece):
+            false = false_piece_log_odds(self._state, self._levels, estimate.G, piece.samples > 0.5)
+            odds.append(piece.log_odds - math.log1p(math.exp(min(piece.log_odds + false, MAX_LOG_ODDS))))
+        found.other_shape = max(odds)
         return found
 
     def _outline_alone(self, estimate: PoseEstimate, starts: list[Floats], *, still: bool) -> PoseEstimate | None:

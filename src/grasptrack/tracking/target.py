@@ -98,6 +98,12 @@ SIDE_CLEAR = 0.7
 """How far from all of the outline samples of the ground lie at least, in that."""
 
 
+SATURATED = 250
+"""Grey level from which on a sensor may have shown no more, as compressed images tell it."""
+GLARE = 9
+"""Work px, the width of a glare that hides what is under it: of a narrower one the edges on both sides are in reach."""
+
+
 @dataclass(frozen=True)
 class Target:
     """The object and the grasp in the first view.
@@ -236,6 +242,18 @@ class Target:
             row[within < 0.0 if times < 0.0 else within > -SIDE_CLEAR * depth] = np.nan
             rows.append(row)
         return depth, rows
+
+    @cached_property
+    def at_glare(self) -> Bools:
+        """(N,) which samples of the outline lie at a glare in the first image, and may be of its edge.
+
+        None where most of them do: there the ground, or the object, is as bright.
+        """
+        image, square = self.surface[0], np.ones((GLARE, GLARE), np.uint8)
+        bright = cv2.morphologyEx((image >= SATURATED).astype(np.uint8), cv2.MORPH_OPEN, square)
+        x, y = np.clip(np.rint(self.points), 0, np.array(image.shape[::-1]) - 1).astype(np.intp).T
+        found = cv2.dilate(bright, square)[y, x] > 0
+        return np.asarray(found & (2 * np.count_nonzero(found) <= len(found)), dtype=np.bool_)
 
     @cached_property
     def place_metric(self) -> Floats:
