@@ -257,7 +257,7 @@ def told(estimate: Any) -> dict[str, Any]:
 
 def same(found: Any, wanted: Any, *, rtol: float = 1e-7, atol: float = 1e-8) -> None:
     """Equal up to rounding, whatever they are made of."""
-    if isinstance(wanted, native.PoseEstimate | native.PoseFlow):
+    if isinstance(wanted, native.PoseEstimate | native.PoseFlow | native.OtherPiece):
         found, wanted = told(found), told(wanted)
     if isinstance(wanted, dict):
         assert list(found) == list(wanted)
