@@ -108,8 +108,9 @@ def false_piece_log_odds(state: TrackState, levels: list[Grey], G: Floats, sampl
     if not samples.any() or first_image.shape != image.shape:  # that of a part on file
         return -math.inf
     shown = state.shown if len(state.shown) else np.zeros(len(samples))
-    against = numbers.temper * math.log(numbers.share_other)  # by each sample that was seen elsewhere
-    glare = against * float(shown[samples].sum())
+    against = math.log(numbers.share_other)  # by each sample that was seen elsewhere
+    # here and there the edge of a glare is the object's own as well
+    glare = numbers.temper * against * float(shown[samples].sum())
     if 2 * np.count_nonzero(samples & target.at_glare) <= np.count_nonzero(samples):
         glare = -math.inf
     first, now = (apply_homography(H, target.points) for H in (target.A, G))
