@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack_bench.methods import method_makers
 from grasptrack_bench.scenes import SceneCase, built_in, make_scene_cases, show_scene
 from grasptrack_bench.simulation import SHAPES, Shape
@@ -67,6 +68,25 @@ def test_an_object_that_is_exchanged_in_its_very_place_is_not_the_object(shape: 
         run.see(photo([(shape if k < 4 else stranger, H)], seed=k), H if k < 4 else None)
     run.check()
     assert run.statuses[:4] == ["tracked"] * 4
+
+
+def test_a_shining_piece_that_moved_with_the_object_is_no_glare() -> None:
+    """As far as its own outline shines, an object that has none of it is another one."""
+    stranger, run = twin(BLOB, 0.05, -0.8), Run()
+    notch = stranger.outer[-3:].mean(axis=0)
+
+    def shining(shape: Shape, H: np.ndarray, seed: int) -> np.ndarray:
+        image, at = photo([(shape, H)], seed=seed), apply_homography(H, notch[None])[0]
+        part, shine = np.zeros(image.shape, np.uint8), np.zeros(image.shape, np.uint8)
+        cv2.fillPoly(part, [np.rint(16.0 * apply_homography(H, shape.outer)).astype(np.int32)], (255,), cv2.LINE_AA, 4)
+        cv2.circle(shine, tuple(np.rint(at).astype(int).tolist()), 18, (255,), -1)
+        return np.maximum(image, cv2.blur(np.minimum(part, shine), (3, 3)))
+
+    for k in range(10):
+        H = pose(150.0 + 2 * k, 120.0 + k, 1.5 * k) if k < 6 else pose(148.0 + 2 * k, 120.0, 0.0)
+        run.see(shining(BLOB if k < 6 else stranger, H, k), H if k < 6 else None)
+    run.check()
+    assert run.statuses[:6] == ["tracked"] * 6
 
 
 def test_a_slender_object_with_a_tab_longer_than_it_is_wide() -> None:

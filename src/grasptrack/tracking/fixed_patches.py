@@ -93,9 +93,9 @@ def against_fixed_surface(
 def false_piece_log_odds(state: TrackState, levels: list[Grey], G: Floats, samples: Bools) -> float:
     """Log odds that a piece of the outline that differs is none of the object's, but was taken in; -inf if nothing tells.
 
-    Either most of it is the edge of a glare, so that one is as probable as the other until the piece is seen elsewhere. Or it
-    is fixed in the image: it lies where the first image had it, though nothing of the object's own outline is left in the
-    patches there, as that has moved on, and not along an edge of its own.
+    Either most of it lay at a glare: one edge is as probable as the other, until views in which the object moved have mostly
+    shown the piece. Or it is fixed in the image: it lies where the first image had it, though nothing of the object's own
+    outline is left in the patches there, as that has moved on, and not along an edge of its own.
 
     Args:
         state: of the object.
@@ -107,13 +107,12 @@ def false_piece_log_odds(state: TrackState, levels: list[Grey], G: Floats, sampl
     first_image = target.recipe.textures[0][0][0]
     if not samples.any() or first_image.shape != image.shape:  # that of a part on file
         return -math.inf
-    shown = state.shown if len(state.shown) else np.zeros(len(samples))
-    against = math.log(numbers.share_other)  # by each sample that was seen elsewhere
-    # here and there the edge of a glare is the object's own as well
-    glare = numbers.temper * against * float(shown[samples].sum())
-    if 2 * np.count_nonzero(samples & target.at_glare) <= np.count_nonzero(samples):
-        glare = -math.inf
     first, now = (apply_homography(H, target.points) for H in (target.A, G))
+    shown, looked = (each if len(each) else np.zeros(len(samples)) for each in (state.shown, state.shown_in))
+    against = math.log(numbers.share_other)  # by each sample that was seen elsewhere
+    glare = -math.inf
+    if 2 * np.count_nonzero(samples & target.at_glare) > np.count_nonzero(samples):
+        glare = min(0.0, against * float((2.0 * shown - (looked > 0.0))[samples].sum()))
     left = np.hypot(*(first[samples][:, None] - now[None]).T).min(axis=0) >= PATCH_SIDE / math.sqrt(2.0)
     there = np.rint(first[samples][left]).astype(int)
     there = there[(there >= half).all(axis=1) & (there < np.array(image.shape[::-1]) - half).all(axis=1)]
