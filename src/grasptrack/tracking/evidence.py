@@ -3,6 +3,7 @@
 
 import math
 from collections.abc import Callable
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -175,7 +176,8 @@ def wrong_object_probability(
 def apart_probability(state: TrackState, estimate: PoseEstimate) -> float:
     """Probability that a contact has moved with another body than what is followed, as a handle that opens.
 
-    The edge under the finger is seen elsewhere, and the surface beside it does not testify against that. Either something
+    The edge under the finger is seen elsewhere, or ground cuts the outline on both sides of two contacts, as the motion of a
+    piece along its own edge is seen nowhere else; and the surface beside it does not testify against that. Either something
     covers that place, and the more of the surface it covers beyond what is hidden of the outline the less probable that is;
     or the object has come apart.
     What agrees usually is that of all views: doubt must not become habit.
@@ -186,7 +188,8 @@ def apart_probability(state: TrackState, estimate: PoseEstimate) -> float:
     (height, width), (x, y) = state.last.levels[0].shape, estimate.contacts.T
     inside = (x >= 0.0) & (y >= 0.0) & (x < width) & (y < height)  # beyond the border no edge is seen anywhere
     beside = target.seen_surface(estimate.correlation, state.usual)
-    denied = float((inside * target.contact_visibility(estimate.other) * (1.0 - beside)).max())
+    seen_elsewhere = np.maximum(inside * target.contact_visibility(estimate.other), _cut_probability(state, estimate))
+    denied = float((seen_elsewhere * (1.0 - beside)).max())
     agreeing = agreeing_share(estimate)
     if state.agreeing > LEAST_AGREEING and math.isfinite(agreeing):
         missing = max(0.0, 1.0 - agreeing / state.agreeing - estimate.hidden)
@@ -194,6 +197,26 @@ def apart_probability(state: TrackState, estimate: PoseEstimate) -> float:
         missing = estimate.elsewhere
     odds = numbers.apart * math.exp(power_surprisal(missing, numbers.apart_power))
     return denied * odds / (1.0 + odds)
+
+
+def _cut_probability(state: TrackState, estimate: PoseEstimate) -> float:
+    """Probability that the outline is cut on both sides of the line through two contacts: ground goes on within it.
+
+    It was whole in other views then; and as far as no piece that the first outline took in explains that, nor marks fixed in
+    the image. What views in which the object moved never showed is none of its outline.
+    """
+    target, piece = state.target, estimate.open_piece
+    ground = np.asarray(piece.samples)
+    if not (len(ground) and piece.log_odds > 0.0 and state.accepted and state.marks is None):
+        return 0.0
+    if len(state.shown):
+        ground = ground * np.where(state.shown_in > 0.0, state.shown, 1.0)
+    found = 0.0
+    for one, other in combinations(target.work_contacts, 2):
+        (dx, dy), (x, y) = other - one, (target.points - one).T
+        side = dx * y - dy * x
+        found = max(found, float(ground[side > 0.0].max(initial=0.0) * ground[side < 0.0].max(initial=0.0)))
+    return found * math.exp(min(0.0, estimate.other_shape - max(estimate.closed_piece.log_odds, piece.log_odds)))
 
 
 def contact_testimony(state: TrackState, estimate: PoseEstimate) -> Floats:
