@@ -176,10 +176,10 @@ def wrong_object_probability(
 def apart_probability(state: TrackState, estimate: PoseEstimate) -> float:
     """Probability that a contact has moved with another body than what is followed, as a handle that opens.
 
-    The edge under the finger is seen elsewhere, or ground cuts the outline on both sides of two contacts, as the motion of a
-    piece along its own edge is seen nowhere else; and the surface beside it does not testify against that. Either something
-    covers that place, and the more of the surface it covers beyond what is hidden of the outline the less probable that is;
-    or the object has come apart.
+    The edge under the finger is seen elsewhere, or ground cuts the outline on both sides of two contacts, for no edge shows
+    that a piece moves along itself; and the surface beside it does not testify against that. Either something covers that
+    place, and the more of the surface it covers beyond what is hidden of the outline the less probable that is; or the object
+    has come apart.
     What agrees usually is that of all views: doubt must not become habit.
     """
     if not len(estimate.other):
@@ -202,8 +202,8 @@ def apart_probability(state: TrackState, estimate: PoseEstimate) -> float:
 def _cut_probability(state: TrackState, estimate: PoseEstimate) -> float:
     """Probability that the outline is cut on both sides of the line through two contacts: ground goes on within it.
 
-    It was whole in other views then; and as far as no piece that the first outline took in explains that, nor marks fixed in
-    the image. What views in which the object moved never showed is none of its outline.
+    Asked once a view was accepted, and only as far as neither a piece that the first outline took in nor marks fixed in the
+    image explain it. What views in which the object moved never showed is none of its outline.
     """
     target, piece = state.target, estimate.open_piece
     ground = np.asarray(piece.samples)
