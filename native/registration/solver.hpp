@@ -63,7 +63,7 @@ class Solver {
         Homography G = start_.G;
         if (!texture_alone(G)) return out;
         Matrix<8> P = start_.P;
-        const bool edges = target_.points.size() >= 30;
+        const bool edges = target_.points.size() >= 8;
         Nuisance nuisance = start_.nuisance;
         Matrix<nuisances> spread = start_.nuisance_covariance;
         const int first = whole(start_.reach, 0, farthest);

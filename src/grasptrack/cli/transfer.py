@@ -135,7 +135,7 @@ class _Found(NamedTuple):
     def all_refused(cls, reason: str) -> _Found:
         """Every strategy refuses for one reason."""
         from grasptrack.tracking.image_pair import Outcome
-        from grasptrack.tracking.registration import REGISTRATION
+        from grasptrack.tracking.strategies import REGISTRATION
         from grasptrack.transfer import strategy_names
 
         names = (REGISTRATION, *strategy_names())

@@ -20,9 +20,8 @@ from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.plane import UNKNOWN, Distance, Ruler
 from grasptrack.tracking.pose import PoseEstimate
-from grasptrack.tracking.registration import Moved
 from grasptrack.tracking.result import TrackResult
-from grasptrack.tracking.strategies import Carrier
+from grasptrack.tracking.strategies import Carrier, Moved
 from grasptrack.typing import Floats, Status
 
 

@@ -138,10 +138,10 @@ class Decision:
         off, alias = any_of(self.probability_off, probability), any_of(self.alias, probability)
         return replace(self, probability_off=off, alias=alias, doubt=doubt if more else self.doubt)
 
-    def with_bare_contact(self, probability: float, log_odds: float) -> Decision:
+    def with_contact_apart(self, probability: float, bare: float) -> Decision:
         """The same where a contact's part has left the object with a probability, bare ground showing by log-odds."""
         off = any_of(self.probability_off, probability)
-        found = replace(self, probability_off=off, bare=log_odds)
+        found = replace(self, probability_off=off, bare=bare)
         if probability <= self.probability_off:
             return found
         return replace(found, doubt="apart", figures={"probability_off": off, "probability": probability})

@@ -72,7 +72,7 @@ def against_bare_contacts(decision: Decision, state: TrackState, levels: list[Gr
         vanished = np.asarray((e.visible < SEEN) & (sightings.shown >= SEEN))
         told = max(told, emptiness_log_odds(target, sightings.look, levels, e.G, among=vanished))
     odds = state.numbers.apart * math.exp(min(MAX_EXPONENT, told))
-    return decision.with_bare_contact(odds / (1.0 + odds), told)
+    return decision.with_contact_apart(odds / (1.0 + odds), told)
 
 
 class Sides(NamedTuple):

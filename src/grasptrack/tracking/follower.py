@@ -13,6 +13,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.work import WorkBudget
+from grasptrack.tracking.bodies import ContactBodies
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import (
     ANYWHERE_STEPS,
@@ -145,6 +146,7 @@ class Follower:
         self.redetection = Redetection(target, levels, observer, hidden)
         self.rivals = Rivals(self.state, self.redetection)
         self._surroundings = Surroundings(self.state)
+        self._bodies = ContactBodies(self.state)
         self.search_ms: float | None = None
         self._alone = True
 
@@ -413,7 +415,7 @@ class Follower:
         self, decision: Decision, levels: list[Grey], predictions: Predictions, expected: Expected
     ) -> Decision:
         """A decision against all that may be taken for the object."""
-        decision = against_bare_contacts(decision, self.state, levels)
+        decision = self._bodies.against_moved_contacts(against_bare_contacts(decision, self.state, levels), levels)
         decision = self.rivals.against_other_sizes(decision, levels)
         decision = self.rivals.against_other_looks(decision, levels, predictions)
         return self.rivals.against_equals(

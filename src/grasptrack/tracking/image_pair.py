@@ -29,7 +29,6 @@ from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.pose import Hypothesis, PoseEstimate, max_contact_distance
 from grasptrack.tracking.redetection import Keypoints
-from grasptrack.tracking.registration import REGISTRATION
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
     decide_single,
@@ -39,7 +38,7 @@ from grasptrack.tracking.single import (
     told_apart,
     turned_hypotheses,
 )
-from grasptrack.tracking.strategies import Carried, make_extractor
+from grasptrack.tracking.strategies import REGISTRATION, Carried, make_extractor
 from grasptrack.tracking.target import build_pyramid
 from grasptrack.transfer import strategy_names
 from grasptrack.typing import Floats

@@ -18,7 +18,7 @@ SENTENCES = {
     "uncertain": "what is seen does not fix every contact",
     "other-shape": "another shape: the outline differs from the object's",
     "other-surface": "another surface: the object does not show what it showed before",
-    "apart": "a contact's edge lies elsewhere, or ground shows there or between contacts: it may have left the object",
+    "apart": "a contact's edge or surface lies elsewhere, or ground shows there or between: it may have left the object",
     "outline-open": "no view since the first one shows the edge under a contact: it may lie beside the object",
     "image-fixed": "what is seen stands still in the image while something else moves on: it may be no part of the object",
     "ambiguous": "the outline fits itself in more than one way, and nothing tells them apart: ambiguous",

@@ -36,9 +36,9 @@ from grasptrack.tracking.parts import KnownPart, as_parts
 from grasptrack.tracking.places import ImagePyramids, overlap_areas
 from grasptrack.tracking.pose import CONTINUOUS, PoseEstimate, mean_point
 from grasptrack.tracking.redetection import make_detector
-from grasptrack.tracking.registration import Registration
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.state import FRAME_S
+from grasptrack.tracking.strategies import Registration
 from grasptrack.typing import Floats
 
 ASLANT = 0.25

@@ -23,7 +23,6 @@ from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.pose import Hypothesis, PoseEstimate, contact_tolerance, share_in_view, similarity_is_enough
 from grasptrack.tracking.redetection import wide_prior
-from grasptrack.tracking.registration import Moved, Registration
 from grasptrack.transfer import STRATEGIES, rrp, strategy_named
 from grasptrack.transfer.alignment import as_similarity, find_alignments
 from grasptrack.transfer.choice import StrategyChoice, TransferContext, choose_strategy
@@ -35,6 +34,53 @@ UNLIKE = 0.25
 """Outlines that a similarity brings no nearer than this fraction of sqrt(area), rms, are not the same, however they tilt."""
 OUTLINE = 64
 """Points of the outer contour that say where to look for it."""
+REGISTRATION = "registration"
+"""Name of what `auto` answers with."""
+
+
+class Moved(NamedTuple):
+    """The grasp in an image.
+
+    Attributes:
+        decision: whether it is believed, how surely, and by what estimate.
+        contacts: (k, 2) px; None where there are none.
+        homography: (3, 3) H_current_reference by which they were carried: the strategy's own.
+        view: the outline that was laid on the image, or found in it.
+        covariance: (8, 8) of the pose's error, with what the model does not know.
+        reason: why it is not believed.
+        switch: why another strategy carried them than the last answer's; empty where none did.
+    """
+
+    decision: Decision
+    contacts: Floats | None = None
+    homography: Floats | None = None
+    view: View | None = None
+    covariance: Floats | None = None
+    reason: StatusReason = StatusReason()
+    switch: str = ""
+
+
+class Registration:
+    """The first view laid on the image: the estimate's own contacts."""
+
+    name = REGISTRATION
+
+    def __init__(self, follower: Follower) -> None:
+        self.follower = follower
+
+    def move(self, grey: Grey, time: float | None) -> Moved:
+        """The grasp in the next image (H, W), taken at a time in s."""
+        return self.carry_by(self.follower.update(grey, time))
+
+    def carry_by(self, decided: Decision) -> Moved:
+        """The grasp by what was decided of an image."""
+        decision, target = decided.with_risk(self.follower.risk), self.follower.target
+        estimate = decision.estimate
+        if estimate is None or not decision.is_accepted:
+            return Moved(decision, reason=StatusReason(decision.code, decision.figures))
+        H = target.homography(estimate.G)
+        view, covariance = target.view.transformed(H), self.follower.pose_covariance(estimate)
+        return Moved(decision, estimate.contacts, H, view, covariance)
 
 
 class Carrier(Protocol):

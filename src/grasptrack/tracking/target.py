@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -301,6 +301,42 @@ class Target:
         )
         return replace(self, corners=corners, counts=counts, recipe=recipe, handle=recipe.build_target())
 
+    @property
+    def knows_patches(self) -> bool:
+        """Whether it is known which places of the surface its patches are: those that lay beyond the image are none."""
+        textures = self.recipe.textures[: len(self.counts)]
+        return [len(places) for _, places, _ in textures] == [*self.counts]
+
+    def about_contact(self, k: int, reach: float) -> TargetPiece:
+        """What lies within a reach of contact k, work px, as a target by itself; its pose is told as that of the whole."""
+        contact, given = self.work_contacts[k], self.recipe.arguments
+        near: Bools = np.hypot(*(self.points - contact).T) <= reach
+        samples = [np.ascontiguousarray(each[near]) for each in given[6:11]]
+        arguments = (
+            *given[:6],
+            *samples,
+            *given[11:13],
+            contact[None],
+            given[14],
+            *(each[near] for each in given[15:]),
+        )
+        own = [np.hypot(*(places - contact).T) <= reach for _, places, _ in self.recipe.textures]
+        textures = [
+            (levels, np.ascontiguousarray(places[which]), stride)
+            for which, (levels, places, stride) in zip(own, self.recipe.textures, strict=True)
+        ]
+        recipe, own = replace(self.recipe, arguments=arguments, textures=textures), own[: len(self.counts)]
+        made = replace(
+            self,
+            work_contacts=contact[None],
+            points=self.points[near],
+            normals=self.normals[near],
+            counts=tuple(int(np.count_nonzero(which)) for which in own),
+            recipe=recipe,
+            handle=recipe.build_target(),
+        )
+        return TargetPiece(made, near, own)
+
     def carried_contacts(self, G: Floats) -> Floats:
         """(k, 2) px, the contacts in an image that shows the target through G."""
         at, in_front = kernels.carry_points(G, self.work_contacts)
@@ -447,3 +483,17 @@ class Target:
         """The G of a homography H_current_reference."""
         G = H @ self.A
         return np.asarray(G / G[2, 2], dtype=np.float64)
+
+
+class TargetPiece(NamedTuple):
+    """Part of a target, as one by itself.
+
+    Attributes:
+        target: the piece.
+        samples: (n,) which of the whole outline's samples it has.
+        patches: (m,) of each level in `counts`, which of the whole surface's.
+    """
+
+    target: Target
+    samples: Bools
+    patches: list[Bools]

@@ -43,8 +43,8 @@ from grasptrack.tracking.messages import StatusReason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.plane import make_ruler
 from grasptrack.tracking.redetection import check_search_ms
-from grasptrack.tracking.registration import Moved
 from grasptrack.tracking.result import LocatedResult, TrackResult, UnlocatedResult
+from grasptrack.tracking.strategies import Moved
 from grasptrack.transfer import check_strategy
 from grasptrack.typing import StrategyName
 from grasptrack.undistortion import Undistortion
