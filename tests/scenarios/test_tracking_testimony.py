@@ -131,7 +131,7 @@ def test_no_light_is_too_much_to_tell_a_place_by() -> None:
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.sampled_from(CODES))
 def test_bare_ground_changes_the_reason_only_where_it_is_the_worst(off: float, probability: float, doubt: str) -> None:
     before = replace(NOTHING, probability_off=off, doubt=doubt, figures={"probability_off": off, "probability": off})
-    after = before.with_bare_contact(probability, 1.0)
+    after = before.with_contact_apart(probability, 1.0)
     assert max(off, probability) <= after.probability_off <= off + probability and after.bare == 1.0
     if probability <= off:
         assert (after.doubt, after.figures) == (before.doubt, before.figures)
