@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 46_106,
-    "src/grasptrack/tracking": 10_839,
+    "src/grasptrack": 46_104,
+    "src/grasptrack/tracking": 10_837,
     "src/grasptrack/servo": 4_908,
     "src/grasptrack/io": 6_903,
     "src/grasptrack/segmentation": 4_530,

@@ -20,7 +20,7 @@ from grasptrack.typing import Floats
 
 REACH = 0.4
 """Share of sqrt(area) about a contact within which all is taken for one body with it: 0.3 and 0.5 tell nearly the same."""
-NOTICED = math.log(2.0)
+LEAST_LOSS = math.log(2.0)
 """Log odds that a surface has to lose about a contact for it to be asked where else it is."""
 STAYED = 0.25
 """Share of the tolerance by which a body may be off its place in the whole and is not asked whether it has left it."""
@@ -75,7 +75,7 @@ class ContactBodies:
                 continue
             whole = estimate_pose(part, levels, Hypothesis(TRIED, e.G, FIRST_POSE_SD**2 * np.eye(8)), still=True)
             gain = 0.0 if whole is None else pose_evidence(part, alone) - pose_evidence(part, whole)
-            if gain <= NOTICED:
+            if gain <= LEAST_LOSS:
                 continue
             self._apart[k] = Apart(alone.G, np.linalg.inv(e.G) @ alone.G)
             variance = numbers.inflate**2 * (worst_variance(e.covariance) + worst_variance(alone.covariance))
@@ -95,7 +95,7 @@ class ContactBodies:
             shown = [r[own] for r, own in zip(e.correlation, piece.patches, strict=True)]
             most = [np.where(np.isfinite(r), u, r) for r, u in zip(shown, usual, strict=True)]
             now, before = (self._surface_log_odds(each, usual) for each in (shown, most))
-            if numbers.temper * (before - max(0.0, now)) < NOTICED:
+            if numbers.temper * (before - max(0.0, now)) < LEAST_LOSS:
                 return None
         return replace(state, target=piece.target, usual=usual)
 

@@ -457,10 +457,8 @@ class Follower:
         size = ExpectedSize.of(target, G, state.slope, spread)
         presence = min(max(state.presence * (1.0 - numbers.hazard), numbers.redetected), 1.0 - numbers.hazard)
         steps, taken = ANYWHERE_STEPS if state.gone else unseen, state.lost + passed if state.lost else 0.0
-        on_ground = G is predictions.background and not state.gone
-        expected = Expected(
-            target.carried_contacts(G), presence, steps, size, taken, on_ground=on_ground, unseen=unseen
-        )
+        rests = G is predictions.background and not state.gone
+        expected = Expected(target.carried_contacts(G), presence, steps, size, taken, on_ground=rests, unseen=unseen)
         coasted = state.coasted() if state.lost else None
         if coasted is None:
             return expected
