@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is hidden: by the hand that reaches, by covers that move, and where an outline is left open."""
+"""What is hidden: by the hand that reaches, by covers that move or touch, and where an outline is left open."""
 
 import cv2
 import numpy as np
@@ -8,6 +8,9 @@ import pytest
 from grasptrack import Grasp, GraspTracker
 from grasptrack.geometry.contours import View
 from grasptrack.tracking.numbers import NUMBERS
+from grasptrack_bench.method import score_sequence
+from grasptrack_bench.methods import method_makers
+from grasptrack_bench.scenes import built_in, make_scene_cases, show_scene
 from grasptrack_bench.simulation import SHAPES, Conditions, Path, Scene
 
 FINGER = (300, 0, 44, 480)
@@ -117,3 +120,37 @@ def test_a_contact_on_what_stays_behind_is_not_given(speed: int) -> None:
         if speed * k > 2.0 * NUMBERS.unseen_px and result.contacts is not None:
             assert result.contacts[:, 0].max() - (390.0 - speed * k) < 5.0, k
     assert "outline-open" in codes
+
+
+PLATE = (280, 170, 120, 150)
+"""Left, top, width and height of a plate; its left side is touched, and another one has a tab at the right."""
+
+
+def touched(touches: bool, tab: bool, finger: float, seed: int) -> np.ndarray:
+    left, top, width, height = PLATE
+    image = 150.0 + 20.0 * GROUND
+    image[top : top + height, left : left + width] = 70.0
+    if tab:
+        image[top + 60 : top + 84, left + width : left + width + 22] = 70.0
+    if touches:
+        cv2.line(image, (0, 300), (left + 4, top + 70), finger, 26, cv2.LINE_AA)
+    image = cv2.GaussianBlur(image, (0, 0), 0.8)
+    return np.clip(image + np.random.default_rng(seed).normal(0, 1.2, image.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("finger", [70.0, 162.0])
+def test_a_finger_that_touches_the_part_is_no_tab_nor_notch(finger: float) -> None:
+    """In the grey of the part or of its ground; but what it holds may be another part, which has a tab elsewhere."""
+    tracker, told = GraspTracker(object_at=(340.0, 240.0)), list[str]()
+    for k in range(16):
+        told.append(tracker.update(touched(k >= 5, k >= 11, finger, k), time=k / 30.0).status)
+    assert "lost" not in told[:11]
+    assert set(told[11:]) == {"lost"}
+
+
+@pytest.mark.parametrize("shape", ["gasket", "arrow"])
+def test_a_part_is_followed_while_a_finger_pushes_it(shape: str) -> None:
+    (case,) = make_scene_cases(built_in([shape]), ["pushed"], frames=40, seed=9950)
+    start, shown = show_scene(case.scene())
+    rows = score_sequence(shown, method_makers(["auto"]), start)["auto"]
+    assert all(row.answered and not row.is_false_accept for row in rows)

@@ -38,6 +38,7 @@ from grasptrack.tracking.pose import (
     worst_variance,
 )
 from grasptrack.tracking.state import MAX_LOG_ODDS, TrackState
+from grasptrack.tracking.surroundings import cover_log_odds, newcomer_beside
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
 
@@ -264,13 +265,16 @@ class Solutions:
         """An estimate, of another shape only as far as the pieces that differ are none that the first outline took in.
 
         So may be a line over the image, or a letter, that joined the object there and still lies where the first image had it,
-        or the edge of a glare.
+        or the edge of a glare. Nor is it what came over the ground beside it, as a finger that touches the object.
         """
         if not estimate.other_shape > 0.0:
             return estimate
-        found, odds = changed_estimate(estimate), []
+        found, odds, state = changed_estimate(estimate), [], self._state
+        beside = newcomer_beside(state, self._levels, estimate)
         for piece in (estimate.closed_piece, estimate.open_piece):
-            false = false_piece_log_odds(self._state, self._levels, estimate.G, piece.samples > 0.5)
+            which = piece.samples > 0.5
+            taken_in = false_piece_log_odds(state, self._levels, estimate.G, which)
+            false = float(np.logaddexp(taken_in, cover_log_odds(beside, which, state.numbers)))
             odds.append(piece.log_odds - math.log1p(math.exp(min(piece.log_odds + false, MAX_LOG_ODDS))))
         found.other_shape = max(odds)
         return found

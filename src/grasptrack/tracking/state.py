@@ -285,6 +285,7 @@ class TrackState:
         sightings: of the contacts.
         stale: work px^2, how far patches lag that lag together, as far as a video's encoder leaves them as they were.
         flow_misfit: squared distances of the surface's motion from what outline and first view then say, by their expectation.
+        resting: (3, 3) where the first image's ground has what lay on it there, as it was found last; None where it was not.
         shown: (N,) 0 to 1: how much of each sample of the outline accepted images showed on average, once it had moved there.
         shown_in: (N,) so many of them.
         steps: time from the last image but one to the last, or to the one that is looked at, in usual intervals.
@@ -368,6 +369,7 @@ class TrackState:
     strays: FadingRatio = field(default_factory=lambda: FadingRatio(WAYS_PRIOR, WAYS_PRIOR))
     coasting: Coasting | None = None
     marks: FixedMarks | None = None
+    resting: Floats | None = None
     anchored: bool = True
     ways: FadingRatio = field(default_factory=lambda: FadingRatio(WAYS_PRIOR, WAYS_PRIOR))
     wander: float = 1.0

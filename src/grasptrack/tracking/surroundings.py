@@ -1,24 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
-"""After a jump or a gap: what surrounded the object tells which of its equals it is, or which turn of its outline."""
+"""What surrounded the object: after a jump it tells which of its equals it is; where it changes, something came over it."""
 
 import math
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import PoseFlow, seen_area
+from grasptrack.statistics import robust_sd
 from grasptrack.tracking.evidence import Agreement, pose_evidence
-from grasptrack.tracking.hypotheses import MIN_PLACES, WIDER_START
-from grasptrack.tracking.pose import SAME_PLACE, Look, PoseEstimate, is_at, sane_area, share_in_view
+from grasptrack.tracking.hypotheses import MIN_PLACES, WIDER_START, align_look
+from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.pose import SAME_PLACE, Hypothesis, Look, PoseEstimate, is_at, sane_area, share_in_view
 from grasptrack.tracking.state import TrackState
-from grasptrack.tracking.target import Grey
-from grasptrack.typing import Floats
+from grasptrack.tracking.target import Grey, Target
+from grasptrack.typing import Bools, Floats, Pixels
 
 MOST_PLACES = 3
 """Places in an image that may be the object's, of which the surroundings are looked at, those of the most evidence first."""
 ASIDE = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 """Sizes of the object by which a look is moved beside itself, for how much of it agrees by chance or as a pattern repeats."""
+TO_COARSE = np.diag([0.25, 0.25, 1.0])
+"""px to those of the images in which ground is compared: the third level of a pyramid."""
+CHANGED = 3.0
+"""Standard deviations from which on it counts as changed."""
+CLEAR = 4.0
+"""px of those images, within which of an outline ground is not compared, or hardly."""
+FRAME = (3, 9)
+"""px of those images, sides of the squares that hold nothing beyond what both show: where ground is compared, and within its
+border."""
+ROUNDING = 0.25
+"""Grey levels by which a difference of two such images varies at least."""
+IMITATED = 0.05
+"""Probability that what covers the object looks like its ground, or like itself."""
 
 
 class Surroundings:
@@ -107,3 +123,102 @@ def _agreement(state: TrackState, found: PoseFlow) -> Agreement:
     look, ring = state.located, state.target.ring
     agreeing = found.agreeing * len(ring) * share_in_view(look.G, ring, look.levels[0])
     return Agreement(agreeing, max(agreeing, float(found.used)))
+
+
+def newcomer_beside(state: TrackState, levels: list[Grey], estimate: PoseEstimate) -> Bools:
+    """(n,) whether something came over the ground beside each sample of the outline: none where that is not known.
+
+    The ground of the first image is laid on this one, and what changed of it as one with the border of what both show came
+    from beyond. What lay under the object tells nothing: a sample lies beside what came if that is no farther away than the
+    object has moved over the ground. Ground without texture is the same wherever it lies.
+
+    Args:
+        state: of the object.
+        levels: the image's pyramid.
+        estimate: where the object lies in it.
+    """
+    target, Q, nothing = state.target, state.target.noise_of_motion, np.zeros(len(state.target.points), dtype=bool)
+    look = Look(target.recipe.textures[0][0], target.A)
+    if look.levels[0].shape != levels[0].shape or len(levels) < 3:  # that of a part on file
+        return nothing
+    guesses = [each for each in (state.resting, estimate.G, target.A) if each is not None]
+    starts = [Hypothesis("background", G, Q) for G in guesses]
+    ground = align_look(state, look, levels, starts, Q, target.clear_ring(estimate.visible))
+    state.resting = state.resting if ground is None else ground.G
+    rests = estimate.G if ground is None else ground.G
+    came = _what_came(target, look, Look(levels, estimate.G), rests)
+    if not came.any():
+        return nothing
+    away = cv2.distanceTransform(np.asarray(~came, dtype=np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+    here, there = (apply_homography(TO_COARSE @ G, target.points) for G in (estimate.G, rests))
+    x, y = np.rint(here).astype(int).T
+    seen = (x >= 0) & (y >= 0) & (x < came.shape[1]) & (y < came.shape[0])
+    near = away[np.where(seen, y, 0), np.where(seen, x, 0)] < CLEAR + np.hypot(*(here - there).T)
+    return np.asarray(seen & near)
+
+
+def _what_came(target: Target, first: Look, last: Look, rests: Floats) -> Bools:
+    """(H, W) of a coarse image where the ground of the first one has changed, as one with the border of what both show.
+
+    Args:
+        target: the object.
+        first, last: the images, and where the object lies in them.
+        rests: (3, 3) where the ground has what lay there in the first one.
+    """
+    before, now = (cv2.pyrDown(look.levels[1].astype(np.float32)) for look in (first, last))
+    size, H = now.shape[::-1], TO_COARSE @ rests @ np.linalg.inv(TO_COARSE @ first.G)
+    outlines = [apply_homography(TO_COARSE @ look.G, target.outline) for look in (first, last)]
+    left, lies = (_without_object(now.shape, outline) for outline in outlines)
+    left, both = (_laid(each, H, size) for each in (left, np.ones_like(left)))
+    shown, inner = (_shrunk(both, side) for side in FRAME)
+    off, compared = now - cv2.warpPerspective(before, H, size), (left > 0) & (lies > 0) & (shown > 0)
+    beyond = 0.5 * math.sqrt(seen_area(TO_COARSE @ last.G, target.outline))
+    low, high = outlines[1].min(axis=0) - beyond, outlines[1].max(axis=0) + beyond
+    across, down = (slice(max(0, int(start)), max(0, int(end))) for start, end in zip(low, high, strict=True))
+    about = down, across
+    usual = off[about][compared[about]]
+    if len(usual) < MIN_PLACES:
+        return np.zeros(now.shape, dtype=bool)
+    middle = float(np.median(usual))
+    varies = robust_sd(usual - middle) + ROUNDING
+    changed = np.asarray((np.abs(off - middle) > CHANGED * varies) & compared, np.uint8)
+    labels = cv2.connectedComponents(cv2.morphologyEx(changed, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)))[1]
+    return np.asarray(np.isin(labels, labels[inner == 0]) & (labels > 0))
+
+
+def cover_log_odds(beside: Bools, piece: Bools, numbers: Numbers) -> float:
+    """Log odds that what differs of the outline is covered by what came beside it, against another shape.
+
+    -inf where nothing tells that it came to each stretch that differs, and not to the rest as well.
+
+    Args:
+        beside: (n,) as of `newcomer_beside`.
+        piece: (n,) which of the outline's samples differ.
+        numbers: the core's.
+    """
+    if not beside[piece].any():
+        return -math.inf
+    chance = (np.count_nonzero(beside & ~piece) + 1.0) / (np.count_nonzero(~piece) + 2.0)
+    which = np.flatnonzero(piece)
+    stretches = [beside[each] for each in np.split(which, np.flatnonzero(np.diff(which) > 1) + 1)]
+    told = [(float(each.mean()), max(1.0, numbers.temper * len(each))) for each in stretches]
+    found = min(Agreement(share * places, places).log_odds(chance) for share, places in told)
+    return math.log(IMITATED * numbers.share_occluded) + found if found > 0.0 else -math.inf
+
+
+def _without_object(shape: tuple[int, ...], outline: Floats) -> Pixels:
+    """(H, W) 1 where an outline, px, does not lie, nor its border."""
+    found, ring = np.ones(shape, np.uint8), [np.rint(outline).astype(np.int32)]
+    cv2.fillPoly(found, ring, 0)
+    cv2.polylines(found, ring, True, 0, 3)
+    return found
+
+
+def _laid(image: Pixels, H: Floats, size: tuple[int, ...]) -> Pixels:
+    return np.asarray(cv2.warpPerspective(image, H, size, flags=cv2.INTER_NEAREST), dtype=np.uint8)
+
+
+def _shrunk(mask: Pixels, side: int) -> Pixels:
+    """A mask (H, W) but for what lies within half a side of its border, or of the image's."""
+    square = np.ones((side, side), np.uint8)
+    return np.asarray(cv2.erode(mask, square, borderType=cv2.BORDER_CONSTANT, borderValue=0), dtype=np.uint8)
