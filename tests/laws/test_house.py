@@ -11,8 +11,8 @@ import pytest
 import house
 
 BUDGETS = {
-    "src/grasptrack": 46_225,
-    "src/grasptrack/tracking": 10_958,
+    "src/grasptrack": 46_245,
+    "src/grasptrack/tracking": 10_978,
     "src/grasptrack/servo": 4_908,
     "src/grasptrack/io": 6_903,
     "src/grasptrack/segmentation": 4_530,

@@ -19,6 +19,7 @@ from grasptrack.tracking.evidence import (
     pose_evidence,
     stands_at,
     texture_evidence,
+    wrong_object_probability,
 )
 from grasptrack.tracking.fixed_patches import ALONE, against_fixed_surface, estimate_at_rest, false_piece_log_odds
 from grasptrack.tracking.hypotheses import AGREE_DISTANCE
@@ -40,7 +41,7 @@ from grasptrack.tracking.pose import (
 from grasptrack.tracking.state import MAX_LOG_ODDS, TrackState
 from grasptrack.tracking.surroundings import cover_log_odds, newcomer_beside
 from grasptrack.tracking.target import Grey
-from grasptrack.typing import Floats
+from grasptrack.typing import Bools, Floats
 
 STILL_SHARE = 0.25
 """Share of what something else has moved that is rest."""
@@ -92,6 +93,7 @@ class Solutions:
         self._second: list[tuple[PoseEstimate, PoseEstimate | None]] = []
         self._sharpest, self.sharp_gain = -math.inf, 0.0
         self._at_rest: PoseEstimate | None = None
+        self._beside: list[tuple[Floats, Bools]] = []  # the answers of `newcomer_beside`, and of what contacts
         self._short: tuple[PoseEstimate, bool] | None = None  # the last answer of `falls_short`
         self._asked, self._decision = list[object](), NOTHING  # what was decided last, and of what
         self.add(hypotheses)
@@ -270,14 +272,25 @@ class Solutions:
         if not estimate.other_shape > 0.0:
             return estimate
         found, odds, state = changed_estimate(estimate), [], self._state
-        beside = newcomer_beside(state, self._levels, estimate)
+        beside = self._newcomer_beside(estimate)
         for piece in (estimate.closed_piece, estimate.open_piece):
-            which = piece.samples > 0.5
-            taken_in = false_piece_log_odds(state, self._levels, estimate.G, which)
-            false = float(np.logaddexp(taken_in, cover_log_odds(beside, which, state.numbers)))
+            taken_in = false_piece_log_odds(state, self._levels, estimate.G, piece.samples > 0.5)
+            covered = cover_log_odds(beside, np.asarray(piece.samples), estimate, state.numbers)
+            false = float(np.logaddexp(taken_in, covered))
             odds.append(piece.log_odds - math.log1p(math.exp(min(piece.log_odds + false, MAX_LOG_ODDS))))
         found.other_shape = max(odds)
         return found
+
+    def _newcomer_beside(self, estimate: PoseEstimate) -> Bools:
+        """That of an estimate, asked where it is less sure than usual; poses within a pixel of each other share it."""
+        state = self._state
+        if wrong_object_probability(state, estimate, self.expected.steps) < state.numbers.exchanged:
+            return np.zeros(len(estimate.visible), dtype=bool)
+        for contacts, beside in self._beside:
+            if max_contact_distance(contacts, estimate.contacts) < STILL_FROM:
+                return beside
+        self._beside.append((estimate.contacts, newcomer_beside(state, self._levels, estimate)))
+        return self._beside[-1][1]
 
     def _outline_alone(self, estimate: PoseEstimate, starts: list[Floats], *, still: bool) -> PoseEstimate | None:
         """What the outline says alone from poses (3, 3), or from where it was when it contradicted the same surface before."""

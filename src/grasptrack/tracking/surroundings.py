@@ -31,6 +31,8 @@ CLEAR = 4.0
 FRAME = (3, 9)
 """px of those images, sides of the squares that hold nothing beyond what both show: where ground is compared, and within its
 border."""
+BRIDGED = 5
+"""px of those images, across which what came is one on both sides of an outline."""
 ROUNDING = 0.25
 """Grey levels by which a difference of two such images varies at least."""
 IMITATED = 0.05
@@ -158,7 +160,7 @@ def newcomer_beside(state: TrackState, levels: list[Grey], estimate: PoseEstimat
 
 
 def _what_came(target: Target, first: Look, last: Look, rests: Floats) -> Bools:
-    """(H, W) of a coarse image where the ground of the first one has changed, as one with the border of what both show.
+    """(H, W) of a coarse image where ground and object have changed since the first one, as one with the border of both.
 
     Args:
         target: the object.
@@ -166,40 +168,46 @@ def _what_came(target: Target, first: Look, last: Look, rests: Floats) -> Bools:
         rests: (3, 3) where the ground has what lay there in the first one.
     """
     before, now = (cv2.pyrDown(look.levels[1].astype(np.float32)) for look in (first, last))
-    size, H = now.shape[::-1], TO_COARSE @ rests @ np.linalg.inv(TO_COARSE @ first.G)
+    size, back = now.shape[::-1], np.linalg.inv(TO_COARSE @ first.G)
+    by_ground, by_object = (TO_COARSE @ G @ back for G in (rests, last.G))
     outlines = [apply_homography(TO_COARSE @ look.G, target.outline) for look in (first, last)]
     left, lies = (_without_object(now.shape, outline) for outline in outlines)
-    left, both = (_laid(each, H, size) for each in (left, np.ones_like(left)))
+    left, both = (_laid(each, by_ground, size) for each in (left, np.ones_like(left)))
     shown, inner = (_shrunk(both, side) for side in FRAME)
-    off, compared = now - cv2.warpPerspective(before, H, size), (left > 0) & (lies > 0) & (shown > 0)
+    within = _shrunk(1 - lies, 2 * FRAME[0] + 1)
     beyond = 0.5 * math.sqrt(seen_area(TO_COARSE @ last.G, target.outline))
     low, high = outlines[1].min(axis=0) - beyond, outlines[1].max(axis=0) + beyond
     across, down = (slice(max(0, int(start)), max(0, int(end))) for start, end in zip(low, high, strict=True))
-    about = down, across
-    usual = off[about][compared[about]]
-    if len(usual) < MIN_PLACES:
-        return np.zeros(now.shape, dtype=bool)
-    middle = float(np.median(usual))
-    varies = robust_sd(usual - middle) + ROUNDING
-    changed = np.asarray((np.abs(off - middle) > CHANGED * varies) & compared, np.uint8)
-    labels = cv2.connectedComponents(cv2.morphologyEx(changed, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)))[1]
-    return np.asarray(np.isin(labels, labels[inner == 0]) & (labels > 0))
+    changed = np.zeros(now.shape, np.uint8)
+    for H, compared in ((by_ground, (left > 0) & (lies > 0) & (shown > 0)), (by_object, (within > 0) & (shown > 0))):
+        off = now - cv2.warpPerspective(before, H, size)
+        usual = off[down, across][compared[down, across]]
+        if len(usual) >= MIN_PLACES:
+            middle = float(np.median(usual))
+            varies = robust_sd(usual - middle) + ROUNDING
+            changed |= np.asarray((np.abs(off - middle) > CHANGED * varies) & compared, np.uint8)
+    changed = np.asarray(cv2.morphologyEx(changed, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8)
+    count, labels = cv2.connectedComponents(cv2.dilate(changed, np.ones((BRIDGED, BRIDGED), np.uint8)))
+    at_border = np.zeros(count, dtype=bool)
+    at_border[labels[(inner == 0) & (changed > 0)]] = True
+    return np.asarray(at_border[labels] & (changed > 0))
 
 
-def cover_log_odds(beside: Bools, piece: Bools, numbers: Numbers) -> float:
+def cover_log_odds(beside: Bools, samples: Floats, estimate: PoseEstimate, numbers: Numbers) -> float:
     """Log odds that what differs of the outline is covered by what came beside it, against another shape.
 
-    -inf where nothing tells that it came to each stretch that differs, and not to the rest as well.
+    -inf where nothing tells that it came to each stretch that differs, and hardly to what is seen of the outline.
 
     Args:
         beside: (n,) as of `newcomer_beside`.
-        piece: (n,) which of the outline's samples differ.
+        samples: (n,) probability of each of the outline's samples to be one that differs.
+        estimate: where the object lies.
         numbers: the core's.
     """
-    if not beside[piece].any():
+    which, clear = np.flatnonzero(samples > 0.5 * samples.max(initial=0.0)), beside[estimate.visible > 0.5]
+    if not beside[which].any():
         return -math.inf
-    chance = (np.count_nonzero(beside & ~piece) + 1.0) / (np.count_nonzero(~piece) + 2.0)
-    which = np.flatnonzero(piece)
+    chance = (np.count_nonzero(clear) + 1.0) / (len(clear) + 2.0)
     stretches = [beside[each] for each in np.split(which, np.flatnonzero(np.diff(which) > 1) + 1)]
     told = [(float(each.mean()), max(1.0, numbers.temper * len(each))) for each in stretches]
     found = min(Agreement(share * places, places).log_odds(chance) for share, places in told)
@@ -208,10 +216,9 @@ def cover_log_odds(beside: Bools, piece: Bools, numbers: Numbers) -> float:
 
 def _without_object(shape: tuple[int, ...], outline: Floats) -> Pixels:
     """(H, W) 1 where an outline, px, does not lie, nor its border."""
-    found, ring = np.ones(shape, np.uint8), [np.rint(outline).astype(np.int32)]
-    cv2.fillPoly(found, ring, 0)
-    cv2.polylines(found, ring, True, 0, 3)
-    return found
+    found = np.ones(shape, np.uint8)
+    cv2.fillPoly(found, [np.rint(outline).astype(np.int32)], 0)
+    return np.asarray(cv2.erode(found, np.ones((3, 3), np.uint8)), np.uint8)
 
 
 def _laid(image: Pixels, H: Floats, size: tuple[int, ...]) -> Pixels:
