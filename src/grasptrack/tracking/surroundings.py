@@ -36,7 +36,7 @@ BRIDGED = 5
 ROUNDING = 0.25
 """Grey levels by which a difference of two such images varies at least."""
 IMITATED = 0.05
-"""Probability that what covers the object looks like its ground, or like itself."""
+"""Probability that what covers the object looks like its ground, or like itself, as in `native/registration/occlusion.hpp`."""
 
 
 class Surroundings:
@@ -175,7 +175,7 @@ def _what_came(target: Target, first: Look, last: Look, rests: Floats) -> Bools:
     left, both = (_laid(each, by_ground, size) for each in (left, np.ones_like(left)))
     shown, inner = (_shrunk(both, side) for side in FRAME)
     within = _shrunk(1 - lies, 2 * FRAME[0] + 1)
-    beyond = 0.5 * math.sqrt(seen_area(TO_COARSE @ last.G, target.outline))
+    beyond = 0.5 * math.sqrt(abs(seen_area(TO_COARSE @ last.G, target.outline)))
     low, high = outlines[1].min(axis=0) - beyond, outlines[1].max(axis=0) + beyond
     across, down = (slice(max(0, int(start)), max(0, int(end))) for start, end in zip(low, high, strict=True))
     changed = np.zeros(now.shape, np.uint8)
