@@ -24,7 +24,7 @@ BUDGETS = {
     "bench": 16_177,
     "research": 12_591,
     "native": 7_531,
-    "tests": 48_308,
+    "tests": 48_320,
 }
 """Lines of Python, or of C++ in `native`. Who needs more takes them from elsewhere in the package."""
 MODULES = 221
